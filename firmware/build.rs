@@ -6,8 +6,8 @@
 //!
 //! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because
 //! the control interrupt calls them; what it does not reach is dropped by the linker's garbage collection.
-//! What reads and verifies parameter blocks, the safety envelope, kept settings and command lines, and what
-//! designs filters, only runs in tasks, and stays in flash: that memory is short on some boards. `cargo
+//! What reads and verifies parameter blocks, the safety envelope, kept settings, images and command lines,
+//! and what designs filters, only runs in tasks, and stays in flash: that memory is short on some boards. `cargo
 //! xtask firmware` finds a function that the control interrupt calls there.
 
 use std::{env, fs, path::Path};
@@ -16,10 +16,11 @@ use std::{env, fs, path::Path};
 const SECTIONS: &str = r"
 SECTIONS
 {
+  .image_header ORIGIN(FLASH) + 0x400 : { LONG(__image_bytes); KEEP(*(.image_header)); } > FLASH
   .start_code : {
     *(.text.*hysteron_core*parameter_block* .text.*hysteron_core*safety_envelope* .text.*hysteron_core*block_choice*);
     *(.text.*hysteron_core*command_text* .text.*hysteron_core*command_lines* .text.*hysteron_core*checksum*);
-    *(.text.*hysteron_core*filter_design* .text.*hysteron_core*kept_settings*);
+    *(.text.*hysteron_core*filter_design* .text.*hysteron_core*kept_settings* .text.*hysteron_core*firmware_update*);
   } > FLASH
   .control_code : ALIGN(8)
   {
@@ -36,6 +37,7 @@ SECTIONS
   .bulk (NOLOAD) : ALIGN(8) { *(.bulk .bulk.*); } > BULK
 }
 INSERT BEFORE .text;
+__image_bytes = __sidata + SIZEOF(.data) - ORIGIN(FLASH);
 /* .text begins behind the load image of .control_code. */
 _stext = (LOADADDR(.control_code) + SIZEOF(.control_code) + 7) & ~7;
 ";

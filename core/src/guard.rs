@@ -95,11 +95,13 @@ pub enum Fault {
     MonitorOutOfRange = 29,
     /// The register of the drive's converter holds another code than the one that was written.
     DriveNotHeld = 30,
+    /// An image that was brought over the line did not become healthy, and the one before it was put back.
+    UpdateRolledBack = 31,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 30] = [
+    pub const ALL: [(Self, &'static str); 31] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -130,6 +132,7 @@ impl Fault {
         (Self::OutputDiffers, "output of the amplifier is not the drive"),
         (Self::MonitorOutOfRange, "voltage monitor out of range"),
         (Self::DriveNotHeld, "drive's converter holds another code"),
+        (Self::UpdateRolledBack, "update rolled back"),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the

@@ -22,6 +22,7 @@ pub mod command_text;
 pub mod creep_inverse;
 pub mod extrema_stack;
 pub mod filter_design;
+pub mod firmware_update;
 pub mod gain_adaptation;
 pub mod guard;
 pub mod host_watch;

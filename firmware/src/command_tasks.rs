@@ -13,7 +13,7 @@ use rtt_target::DownChannel;
 use crate::board::SAMPLE_RATE_HZ;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
-use crate::{command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
+use crate::{command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks, update};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -233,7 +233,7 @@ fn obey(line: &WaitingLine) {
         },
         Ok(Line::BlockEnvelope(fingerprint)) => answer("safety envelope is being kept", settings::keep_envelope(fingerprint)),
         Ok(Line::BlockSwap) => settings::swap(),
-        Ok(Line::Restart) if settings::is_keeping() => defmt::warn!("refused: a block is being kept"),
+        Ok(Line::Restart) if settings::is_keeping() || update::is_busy() => defmt::warn!("refused: the flash is being written"),
         Ok(Line::Restart) => match drive_rests() {
             Ok(()) => cortex_m::peripheral::SCB::sys_reset(),
             Err(reason) => defmt::warn!("refused: {=str}", reason),

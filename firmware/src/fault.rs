@@ -21,6 +21,7 @@ use crate::control;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 use crate::safety_lines;
 use crate::task_clock;
+use crate::update;
 
 /// A mark that says "this program stopped itself"; its lowest byte is the fault's number.
 const MARK: u32 = 0x4859_5300;
@@ -34,6 +35,11 @@ const NO_CODE: u32 = u32::MAX;
 const WATCHDOG_COUNTS: u16 = 100;
 /// Periods of the tasks' clock between two feedings: 10 ms.
 const WATCH_PERIODS: u64 = 10;
+
+/// Feedings in a row, each behind ticks that went on and were not late, that make an image healthy: 1 s.
+const HEALTHY_FEEDINGS: u32 = 100;
+/// An image on trial that has not been healthy after so many is restarted, and so rolled back: 10 s.
+const MOST_TRIAL_FEEDINGS: u32 = 1_000;
 
 /// Tells the fault handlers which code of so many bits is rest.
 pub fn remember_rest(code: DriveCode, bits: CodeBits) {
@@ -76,12 +82,24 @@ pub async fn watch() {
     Board::WATCHDOG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
     Board::WATCHDOG.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
     let mut last = control::ticks();
+    let (mut overruns, mut healthy, mut of_trial) = (control::overruns(), 0, 0);
     loop {
         task_clock::periods(WATCH_PERIODS).await;
         let ticks = control::ticks();
         if ticks != last {
             Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
         }
+        if update::is_on_trial() {
+            let went_on = ticks != last && control::overruns() == overruns;
+            healthy = if went_on { healthy + 1 } else { 0 };
+            of_trial += 1;
+            if healthy == HEALTHY_FEEDINGS {
+                update::healthy();
+            } else if of_trial == MOST_TRIAL_FEEDINGS {
+                stop(Fault::UpdateRolledBack);
+            }
+        }
+        overruns = control::overruns();
         last = ticks;
     }
 }

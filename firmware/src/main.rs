@@ -31,6 +31,8 @@ mod supply;
 mod task_clock;
 mod telemetry;
 mod trace_tasks;
+#[cfg_attr(feature = "nucleo-g474re", path = "no_update.rs")]
+mod update;
 
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use hysteron_core::amplifier::Amplifier;
@@ -72,6 +74,7 @@ async fn main(spawner: Spawner) {
     );
 
     event_log::begin();
+    let rolled_back = update::load();
     let envelope = settings::load_envelope();
     settings::load_kept(SAMPLE_RATE_HZ);
     let block = settings::load(SAMPLE_RATE_HZ);
@@ -115,6 +118,7 @@ async fn main(spawner: Spawner) {
         Ends { front_end, samples: sample_producer, commands: command_consumer, replies: reply_producer },
         envelope.map_or((DriveCode::new(0), DriveCode::MOST), |envelope| envelope.limits_of(bits.dac)),
         clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
+        rolled_back,
     );
     command_port::open(command_producer);
     telemetry::begin(&parameters);
@@ -125,6 +129,7 @@ async fn main(spawner: Spawner) {
     spawn(spawner, command_tasks::reports(reply_consumer));
     spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
     spawn(spawner, command_tasks::protector());
+    spawn(spawner, update::updater());
     sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
     fault::watch().await;
 }
@@ -140,8 +145,18 @@ struct Ends {
 /// Makes the amplifier and hands it to the interrupt. Not a part of the task above: an amplifier takes 13
 /// KiB, and what a task holds is static.
 #[inline(never)]
-fn hand_over(parameters: AmplifierParameters, refused: Option<Fault>, ends: Ends, envelope: (DriveCode, DriveCode), late_cycles: u32) {
+fn hand_over(
+    parameters: AmplifierParameters,
+    refused: Option<Fault>,
+    ends: Ends,
+    envelope: (DriveCode, DriveCode),
+    late_cycles: u32,
+    rolled_back: bool,
+) {
     let mut amplifier = Amplifier::new(parameters);
+    if rolled_back {
+        amplifier.refuse(Fault::UpdateRolledBack);
+    }
     if let Some(cause) = fault::cause_of_last_restart() {
         defmt::error!("last restart: {=str}", cause.name());
         amplifier.refuse(cause);

@@ -4,16 +4,17 @@ use core::sync::atomic::AtomicI32;
 
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::firmware_update::ImageHeader;
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
+use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, UpdateRefusal, UpdateState, View};
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
-use crate::{control, event_log, option_bytes, recorder, serial_port, settings, telemetry};
+use crate::{control, event_log, option_bytes, recorder, serial_port, settings, telemetry, update};
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much
@@ -117,7 +118,28 @@ impl Device for Target {
     }
 
     fn restart(&mut self) -> Result<(), Moving> {
-        if control::drive_rests() && !settings::is_keeping() { Ok(serial_port::restart()) } else { Err(Moving) }
+        let is_writing = settings::is_keeping() || update::is_busy();
+        if control::drive_rests() && !is_writing { Ok(serial_port::restart()) } else { Err(Moving) }
+    }
+
+    fn image(&self) -> Option<ImageHeader> {
+        update::running()
+    }
+
+    fn update(&self) -> UpdateState {
+        update::state()
+    }
+
+    fn begin_update(&mut self, bytes: u32) -> Result<(), UpdateRefusal> {
+        update::begin(bytes)
+    }
+
+    fn take_update(&mut self, piece: &BlockPiece) -> Result<bool, UpdateRefusal> {
+        update::take(piece)
+    }
+
+    fn commit_update(&mut self, checksum: u32) -> Result<bool, UpdateRefusal> {
+        update::commit(checksum)
     }
 
     fn host_timeout(&self) -> u32 {

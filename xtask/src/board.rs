@@ -36,6 +36,9 @@ fn place_image() -> Result<(), String> {
     }
     let beside = built("hysteron-firmware.elf");
     std::fs::copy(&image, &beside).map_err(|error| format!("{} to {}: {error}", image.display(), beside.display()))?;
+    let stage = toolchain::boot_stage();
+    let beside = built("hysteron-boot-stage");
+    std::fs::copy(&stage, &beside).map_err(|error| format!("{} to {}: {error}", stage.display(), beside.display()))?;
     println!("   {}", program().display());
     Ok(())
 }

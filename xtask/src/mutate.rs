@@ -168,7 +168,7 @@ impl Scratch {
     fn build(&self, image: Image) -> Result<(), String> {
         let build = |selection: &[&str]| self.toolchain.build(&FIRMWARE, &self.folder.join("firmware"), selection);
         match image {
-            Image::Spi => build(&["--bin", "hysteron-firmware"]),
+            Image::Spi => build(&["--workspace", "--bin", "hysteron-firmware", "--bin", "hysteron-boot-stage"]),
             Image::BoardCheck => build(&["--bin", "board_check"]),
             Image::OnChip => {
                 build(&["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
@@ -183,7 +183,8 @@ impl Scratch {
         // The default image last: another one that is built leaves its own in its place.
         [Image::BoardCheck, Image::OnChip, Image::Spi]
             .into_iter()
-            .filter(|image| mutations.iter().any(|mutation| mutation.image == *image))
+            // The default one brings the boot stage, without which nothing runs.
+            .filter(|image| *image == Image::Spi || mutations.iter().any(|mutation| mutation.image == *image))
             .try_for_each(|image| self.build(image))
     }
 

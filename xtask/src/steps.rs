@@ -357,7 +357,8 @@ fn firmware_images() -> Result<(), String> {
     let fast = [("HYSTERON_SAMPLE_RATE_HZ", "100000")];
     toolchain.build_with(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware"], &fast)?;
     keep(toolchain::fast_image())?;
-    toolchain.build(&toolchain::FIRMWARE, &folder, &[])
+    // With the boot stage: so both are built of the same dependencies.
+    toolchain.build(&toolchain::FIRMWARE, &folder, &["--workspace"])
 }
 
 /// What the image may take; a change that needs more has to change these numbers. 1 KiB of it looks at what
@@ -374,13 +375,13 @@ const MOST_G474RE_CONTROL_CODE_BYTES: u64 = 32 * 1024;
 /// the block says, frames as long as they are, samples that are packed and unpacked. 50 KiB more are the
 /// safety envelope, arming, the self-test, the sliding-mode law and the log of faults over both channels.
 /// 20 KiB more are filters, their design from frequencies, settings that are kept, and the watch of the
-/// output.
-const MOST_FLASH_BYTES: u64 = 264 * 1024;
+/// output. 10 KiB more are the update over the line. An image that is updated so has 384 KiB.
+const MOST_FLASH_BYTES: u64 = 274 * 1024;
 /// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors,
 /// 1 of its filters, twice; 1 KiB is a block that waits to take over. 2 KiB are the log of faults and the
 /// sliding-mode law's parameters and state. 1 KiB more is the creep that the tick follows, 88 bytes,
-/// filters and the settings that are kept.
-const MOST_RAM_BYTES: u64 = 74 * 1024;
+/// filters and the settings that are kept. 1 KiB more is the task that writes an image.
+const MOST_RAM_BYTES: u64 = 75 * 1024;
 /// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 1.7 KiB more than the same program uses
 /// of the other board's. 0.7 KiB of it are the gain that is adapted: the coefficients that depend on it,
 /// twice.

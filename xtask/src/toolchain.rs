@@ -46,6 +46,11 @@ pub fn image() -> PathBuf {
     root().join("firmware/target").join(FIRMWARE.name).join("release/hysteron-firmware")
 }
 
+/// What the NUCLEO-H743ZI2 runs before any image.
+pub fn boot_stage() -> PathBuf {
+    image().with_file_name("hysteron-boot-stage")
+}
+
 /// The same with the chip's own converters.
 pub fn on_chip_image() -> PathBuf {
     image().with_file_name("hysteron-firmware-on-chip")

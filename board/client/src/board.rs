@@ -232,6 +232,22 @@ impl Board {
         self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))
     }
 
+    /// Asks, and passes over answers to earlier questions until one has `part`: a board that was restarting
+    /// answers greetings late.
+    ///
+    /// # Errors
+    /// The board does not answer, or not so.
+    pub(crate) fn ask_for(&mut self, question: &str, part: &str) -> Result<String> {
+        let mut answer = self.ask(question)?;
+        for _ in 0..2 * GREETINGS {
+            if answer.contains(part) {
+                return Ok(answer);
+            }
+            answer = self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))?;
+        }
+        Err(Error::new(question, format!("the board answers `{}`", answer.trim())))
+    }
+
     /// The values behind `=` in the lines of an answer, or the lines themselves where no line has one.
     ///
     /// # Errors

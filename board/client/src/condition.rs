@@ -73,6 +73,9 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::DriveNotHeld) => {
             "The drive's converter holds another code than was written: look at its cable (SDO) and its supply, then clear (INI) and arm (ARM 1 1)."
         }
+        Some(Fault::UpdateRolledBack) => {
+            "The new image did not run for a healthy second and the one before it is back: look at LOG?, then clear (INI)."
+        }
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }

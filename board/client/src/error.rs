@@ -52,9 +52,10 @@ pub fn meaning(code: u32) -> String {
         79 => "only with the servo off",
         93 => "only at rest",
         201 => "the board has no valid parameter block",
-        311 => "the board does not take this parameter block",
+        311 => "the board does not take this block or image",
         333 => "a fault is latched",
         4001 => "the amplifier is not armed: `ARM 1 1` at rest, behind every start and every fault",
+        4002 => "this board cannot be updated over the line",
         504 => "a fault is latched: the tracking error was too large",
         _ => "the board refused it",
     };

@@ -3,7 +3,7 @@
 //! # How it works
 //! [`port::Port`] carries bytes, over a cable or a socket; [`board::Board`] has the conversation: it asks,
 //! tells and looks at `ERR?` after what it told, all in the General Command Set 2.0 (`hysteron_protocol`). On
-//! that stand [`upload`] (a parameter block), [`playing`] (a drive that is played from rest, and what the
+//! that stand [`upload`] (a parameter block), [`update`] (another [`image`]), [`playing`] (a drive that is played from rest, and what the
 //! recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in um and V) [`condition`] (how
 //! the board is, in words) and [`following`] (how well its closed loop followed).
 //!
@@ -15,9 +15,11 @@ pub mod board;
 pub mod condition;
 mod error;
 pub mod following;
+pub mod image;
 pub mod playing;
 pub mod port;
 pub mod scale;
+pub mod update;
 pub mod upload;
 pub mod watching;
 

@@ -2,6 +2,7 @@
 //! decoded log.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
@@ -34,6 +35,9 @@ const ENVELOPE: u64 = 0x0818_0000;
 
 /// Where the settings stand that an operator keeps.
 const KEPT_SETTINGS: u64 = 0x0816_0000;
+
+/// The boot stage, which stands beside every image.
+const BOOT_STAGE: &str = "hysteron-boot-stage";
 
 /// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may
 /// act. Its guards are as wide as the widest test of the guard asks for.
@@ -135,6 +139,14 @@ pub struct Script {
     pub serial: Vec<(u64, Vec<u8>)>,
     /// What goes wrong, each with its instant, ns; in order.
     pub injections: Vec<(u64, Injection)>,
+    /// What else is in the flash at the start, each with its address.
+    pub flash: Vec<(u64, Vec<u8>)>,
+    /// Words of memory that are looked at, each with its instant, ns; in order.
+    pub peeks: Vec<(u64, u64)>,
+    /// The serial port's line, where another thread has its far end.
+    pub line: Option<SharedLine>,
+    /// The run ends when this is set, before its time.
+    pub ended: Option<Arc<AtomicBool>>,
 }
 
 /// What can go wrong with the part.
@@ -189,6 +201,10 @@ impl Script {
             commands: Vec::new(),
             serial: Vec::new(),
             injections: Vec::new(),
+            flash: Vec::new(),
+            peeks: Vec::new(),
+            line: None,
+            ended: None,
         }
     }
 }
@@ -223,6 +239,8 @@ pub struct Outcome {
     pub enabled: Vec<(u64, bool)>,
     /// The same of the trigger output, as often as the log is read.
     pub triggered: Vec<(u64, bool)>,
+    /// What the looks of [`Script::peeks`] saw.
+    pub peeked: Vec<u64>,
     /// Restarts of the part during the run.
     pub resets: usize,
     /// Registers without a model that the image used, `instance.register`.
@@ -243,6 +261,7 @@ struct Taken {
     visits: Vec<(usize, u64)>,
     enabled: Vec<(u64, bool)>,
     triggered: Vec<(u64, bool)>,
+    peeked: Vec<u64>,
 }
 
 struct Probe {
@@ -352,6 +371,11 @@ impl Driver<NucleoBoard> for Probe {
             self.serve(at_ns, host);
             self.next_read_ns = at_ns.saturating_add(self.script.read_every_ns.unwrap_or(MILLISECOND));
         }
+        if let Ok(mut taken) = self.taken.lock() {
+            while let Some((_, address)) = self.script.peeks.get(taken.peeked.len()).filter(|(from_ns, _)| *from_ns <= at_ns) {
+                taken.peeked.push(host.read(*address, Width::W32).unwrap_or_default());
+            }
+        }
         while let Some((_, injection)) = self.script.injections.get(self.next_injection).filter(|(from_ns, _)| *from_ns <= at_ns) {
             match *injection {
                 Injection::Halfword { address, value } => {
@@ -406,7 +430,8 @@ impl Driver<NucleoBoard> for Probe {
             }
             self.next_serial += 1;
         }
-        if at_ns >= self.script.until_ns {
+        let is_ended = self.script.ended.as_ref().is_some_and(|ended| ended.load(Ordering::Relaxed));
+        if at_ns >= self.script.until_ns || is_ended {
             return None;
         }
         let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
@@ -457,7 +482,7 @@ pub(crate) struct Prepared {
     pub(crate) control_block: ControlBlock,
 }
 
-/// Puts image, parameter blocks, safety envelope, kept settings and serial line on a board; the run first
+/// Puts boot stage, image, parameter blocks, safety envelope, kept settings and serial line on a board; the run first
 /// stops at `first_stop_ns`.
 pub(crate) fn prepare(
     elf: &Path,
@@ -469,7 +494,8 @@ pub(crate) fn prepare(
 ) -> Result<Prepared> {
     let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     board.attach_serial(line);
-    let mut images = vec![Image::read(elf, None)?];
+    let boot_stage = elf.with_file_name(BOOT_STAGE);
+    let mut images = vec![Image::read(&boot_stage, None)?, Image::read(elf, None)?];
     if let Some(envelope) = envelope {
         images.push(Image::new(Path::new("safety envelope"), envelope.to_vec(), Some(ENVELOPE))?);
     }
@@ -495,11 +521,14 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
 
-    let line = SharedLine::default();
+    let line = script.line.clone().unwrap_or_default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
     let blocks = [script.block.as_deref(), script.second_block.as_deref()];
     let others = [script.envelope.as_deref(), script.kept.as_deref()];
-    let Prepared { session, images, control_block } = prepare(elf, board, blocks, others, &line, first)?;
+    let Prepared { session, mut images, control_block } = prepare(elf, board, blocks, others, &line, first)?;
+    for (address, bytes) in &script.flash {
+        images.push(Image::new(Path::new("flash"), bytes.clone(), Some(*address))?);
+    }
     let taken = Arc::new(Mutex::new(Taken::default()));
     let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {
@@ -543,6 +572,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         end,
         enabled: taken.enabled,
         triggered: taken.triggered,
+        peeked: taken.peeked,
         resets,
         without_model,
     })

@@ -7,9 +7,9 @@ use object::{Object, ObjectSection, ObjectSymbol};
 use std::ops::Range;
 use std::path::Path;
 
-/// Flash for the program: bank 1 of the STM32H743ZI (RM0433, 4.3; `memory.x`). The parameter blocks in bank 2
-/// are not touched.
-pub const PROGRAM_FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
+/// Flash for the program: three sectors of bank 1 of the STM32H743ZI, behind the boot stage (RM0433, 4.3;
+/// `memory.x`). The boot stage and the parameter blocks in bank 2 are not touched.
+pub const PROGRAM_FLASH: Range<u64> = 0x0802_0000..0x0808_0000;
 /// Where a stack begins: at the end of the DTCM or of the AXI SRAM. Images for other boards have it
 /// elsewhere, because they have other memories.
 const STACKS: [u64; 2] = [0x2002_0000, 0x2408_0000];
@@ -122,25 +122,25 @@ mod tests {
 
     #[test]
     fn what_is_no_image_for_this_chip_is_refused_with_the_reason() {
-        let good = vectors(0x2002_0000, 0x0800_0401);
+        let good = vectors(0x2002_0000, 0x0802_0401);
         let cut = {
-            let mut bytes = elf(EM_ARM, 0x0800_0000, &good);
+            let mut bytes = elf(EM_ARM, 0x0802_0000, &good);
             bytes.truncate(bytes.len() - 1);
             bytes
         };
         for (bytes, why) in [
             (b"#!/bin/sh\n".to_vec(), "no 32-bit ELF"),
             (Vec::new(), "no 32-bit ELF"),
-            (elf(62, 0x0800_0000, &good), "another processor"),
+            (elf(62, 0x0802_0000, &good), "another processor"),
             (elf(EM_ARM, 0x081C_0000, &good), "0x081c0000"),
-            (elf(EM_ARM, 0x080F_FFFC, &good), "0x080ffffc..0x08100004"),
+            (elf(EM_ARM, 0x0807_FFFC, &good), "0x0807fffc..0x08080004"),
             (elf(EM_ARM, 0x2000_0000, &good), "would be written to 0x20000000"),
-            (elf(EM_ARM, 0x0800_0400, &good), "no vector table"),
-            (elf(EM_ARM, 0x0800_0000, &vectors(0x1000_0000, 0x0800_0401)), "not for a NUCLEO-H743ZI2"),
+            (elf(EM_ARM, 0x0802_0400, &good), "no vector table"),
+            (elf(EM_ARM, 0x0802_0000, &vectors(0x1000_0000, 0x0802_0401)), "not for a NUCLEO-H743ZI2"),
             // The NUCLEO-G474RE's: it would drive the pins of another board.
-            (elf(EM_ARM, 0x0800_0000, &vectors(0x2001_3000, 0x0800_0401)), "not for a NUCLEO-H743ZI2"),
-            (elf(EM_ARM, 0x0800_0000, &vectors(0x2002_0000, 0x0800_0400)), "not for a NUCLEO-H743ZI2"),
-            (elf(EM_ARM, 0x0800_0000, &good), "none of this project"),
+            (elf(EM_ARM, 0x0802_0000, &vectors(0x2001_3000, 0x0802_0401)), "not for a NUCLEO-H743ZI2"),
+            (elf(EM_ARM, 0x0802_0000, &vectors(0x2002_0000, 0x0802_0400)), "not for a NUCLEO-H743ZI2"),
+            (elf(EM_ARM, 0x0802_0000, &good), "none of this project"),
             (cut, "cut off"),
         ] {
             let refused = inspect(&bytes).expect_err(why);

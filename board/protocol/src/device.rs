@@ -3,6 +3,7 @@
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::firmware_update::ImageHeader;
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
@@ -53,6 +54,49 @@ pub enum Brought {
     Swapped,
     /// It was refused for this reason.
     Refused(&'static str),
+}
+
+/// How far an update of the image is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpdateState {
+    /// The board cannot be updated over the line.
+    Unsupported,
+    /// No image was brought.
+    Nothing,
+    /// Room is being made for one.
+    Erasing,
+    /// So many bytes of it stand in flash.
+    Receiving {
+        /// Bytes.
+        stored: u32,
+    },
+    /// It is being looked at.
+    Verifying,
+    /// The next start installs it.
+    Ready,
+    /// It was refused for this reason.
+    Refused(&'static str),
+    /// The running image has not been healthy for a second yet.
+    Trial,
+    /// The running image was brought over the line and has been healthy.
+    Confirmed,
+    /// The image that was brought was not installed.
+    NotInstalled,
+    /// It was installed and did not become healthy: the one before it runs.
+    RolledBack,
+}
+
+/// Why a step of an update is not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpdateRefusal {
+    /// The board cannot be updated over the line.
+    Unsupported,
+    /// The power stage is on, or the drive does not rest.
+    NotDisarmed,
+    /// The flash is being written, or the running image is on trial.
+    Busy,
+    /// A length, a place or an order that no image has.
+    NoImage,
 }
 
 /// Counts since the start, and the block in use.
@@ -171,6 +215,41 @@ pub trait Device {
     /// # Errors
     /// The drive does not rest, or a block is being kept.
     fn restart(&mut self) -> Result<(), Moving>;
+
+    /// What the running image says of itself; `None` where it has no header.
+    fn image(&self) -> Option<ImageHeader> {
+        None
+    }
+
+    /// How far an update is.
+    fn update(&self) -> UpdateState {
+        UpdateState::Unsupported
+    }
+
+    /// Makes room for an image of so many bytes, which takes seconds.
+    ///
+    /// # Errors
+    /// Why not.
+    fn begin_update(&mut self, _bytes: u32) -> Result<(), UpdateRefusal> {
+        Err(UpdateRefusal::Unsupported)
+    }
+
+    /// Takes the next piece of it; `false`: ask again, the one before it is being written.
+    ///
+    /// # Errors
+    /// Why not.
+    fn take_update(&mut self, _piece: &BlockPiece) -> Result<bool, UpdateRefusal> {
+        Err(UpdateRefusal::Unsupported)
+    }
+
+    /// Lets the image be verified against its checksum and installed by the next start; `false` as for a
+    /// piece.
+    ///
+    /// # Errors
+    /// Why not.
+    fn commit_update(&mut self, _checksum: u32) -> Result<bool, UpdateRefusal> {
+        Err(UpdateRefusal::Unsupported)
+    }
 
     /// For how many ticks no line may come while the drive is live; 0: for ever.
     fn host_timeout(&self) -> u32;

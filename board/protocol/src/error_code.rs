@@ -77,6 +77,8 @@ pub enum ErrorCode {
     TrackingError = 504,
     /// The power stage is off until `ARM`. Of this target: the public documents have no such number.
     NotArmed = 4001,
+    /// This board has no room for a second image. The number is this target's as well.
+    NoUpdate = 4002,
 }
 
 impl ErrorCode {

@@ -28,6 +28,7 @@ mod command_table;
 mod data_recorder;
 mod diagnosis;
 mod filters;
+mod firmware_update;
 mod motion;
 mod parameter_block;
 mod queries;
@@ -115,6 +116,7 @@ enum Pending {
     RecorderHelp(usize),
     DiagnosisHelp(usize),
     Events(u32),
+    Update(firmware_update::UpdateStep),
     Recorded(DataArray),
     Codes {
         first: u32,
@@ -386,6 +388,7 @@ impl<D: Device + 'static> Session<D> {
                 self.sent(written, if last { Pending::Nothing } else { Pending::RecorderHelp(nth + 1) })
             }
             Pending::Events(nth) => self.next_event(nth, piece),
+            Pending::Update(step) => self.next_of_update(step),
             Pending::Recorded(array) => self.send_array(array, piece, Pending::Recorded, Self::recorded_value, Self::recorded_name),
             Pending::Codes { first, count } => self.send_codes(first, count, piece),
             Pending::Wave(array) => self.send_array(array, piece, Pending::Wave, Self::wave_value, |_, _| "Wave table"),

@@ -339,6 +339,16 @@ fn who_is_there() {
 }
 
 #[test]
+fn a_target_without_room_for_an_update_says_so() {
+    let mut table = Table::new();
+    assert_eq!(table.ask("UPD?"), "STATE=UNSUPPORTED\n");
+    for line in ["UPD BEGIN 4096", "UPD DATA 0 00ff", "UPD COMMIT 0x12345678"] {
+        table.tell(line, 4002);
+    }
+    table.tell("UPD DATA 0 xyz", 1);
+}
+
+#[test]
 fn the_axis_moves_as_fast_as_it_may_and_says_when_it_is_there() {
     let mut table = Table::new();
     table.tell("MOV 1 5", 5);

@@ -39,6 +39,11 @@ pub type Board = nucleo_h743zi::NucleoH743zi;
 #[cfg(not(any(feature = "nucleo-h743zi", feature = "nucleo-g474re")))]
 compile_error!("no board: one of the features nucleo-h743zi and nucleo-g474re");
 
+/// The flash, for [`crate::update`].
+#[cfg(feature = "nucleo-h743zi")]
+#[allow(unused_imports)] // only the firmware updates itself
+pub use nucleo_h743zi::flash;
+
 /// The converters of this image.
 pub type Converters = <Board as Platform>::Converters;
 
@@ -78,7 +83,7 @@ pub trait Platform {
     const ENVELOPE: u32;
     /// Bytes of a sector; the last 32 of a block's are the mark that another one replaces it.
     const SECTOR_BYTES: u32;
-    /// Another such sector, which holds nothing.
+    /// Another such sector, which the board check may write.
     #[allow(dead_code)] // for the board check
     const SPARE_SECTOR: u32;
     /// The first address behind the flash.

@@ -12,6 +12,7 @@ mod scope;
 mod status;
 mod sweep;
 mod tune;
+mod update;
 mod upload;
 
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand};
@@ -132,6 +133,15 @@ enum BoardCommand {
         /// kept in the flash
         #[arg(long)]
         swap: bool,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+    /// Bring another image over the line and restart with it; the board puts the previous one back unless it
+    /// runs for a healthy second
+    Update {
+        /// The image, an ELF file, as `cargo xtask firmware` builds it
+        image: PathBuf,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
@@ -309,6 +319,7 @@ fn obey(command: BoardCommand) -> Result<bool> {
         }
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
+        BoardCommand::Update { image, line } => update::update(&image, &line),
         BoardCommand::Envelope { file, checksum, line } => envelope::envelope(&file, checksum.as_deref(), &line),
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),

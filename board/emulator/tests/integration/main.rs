@@ -22,4 +22,5 @@ mod telemetry;
 mod tick_cost;
 mod trigger_output;
 mod typed_commands;
+mod update;
 mod wide_codes;

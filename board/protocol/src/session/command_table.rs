@@ -66,6 +66,8 @@ impl<D: Device + 'static> Session<D> {
         ("TWG?", "get the number of wave generators", Self::wave_generators),
         ("TWS", "<line> <point> <0|1> set the point of the wave with which the trigger output is high", Self::set_trigger_point),
         ("TWS?", "[<line>] get the point of the trigger output, 0: none", Self::trigger_point),
+        ("UPD", "<BEGIN bytes|DATA offset hex|COMMIT checksum> bring another image, which the next restart installs", Self::bring_image),
+        ("UPD?", "get the running image and how far an update is", Self::update),
         ("VEL", "<axis> <velocity> set the fastest velocity of moves, um/s", Self::set_velocity),
         ("VEL?", "[<axis>] get the velocity, um/s", Self::velocity),
         ("VER?", "get versions", Self::version),

@@ -1,6 +1,7 @@
 //! Queries of the axis, the drive and the controller itself.
 
 use hysteron_core::amplifier::Mode;
+use hysteron_core::firmware_update::text;
 use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 
 use super::{Pending, Session, micrometres, volts};
@@ -12,7 +13,10 @@ use crate::words::Words;
 impl<D: Device + 'static> Session<D> {
     pub(super) fn identification(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
-        self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", env!("CARGO_PKG_VERSION")))
+        match self.device.image() {
+            Some(image) => self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", text(&image.version))),
+            None => self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", env!("CARGO_PKG_VERSION"))),
+        }
     }
 
     pub(super) fn syntax_version(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

@@ -4,7 +4,11 @@
 //! The HAL's driver waits in a loop, so the few registers are driven here (RM0433, 4.3.9 and 4.3.10). Code
 //! runs from bank 1, and the control interrupt from ITCM, so neither waits for bank 2.
 
+use embassy_futures::yield_now;
 use embassy_stm32::pac::FLASH;
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::mutex::Mutex;
+use hysteron_core::firmware_update::Word;
 
 use crate::board::flash_words::{self, FlashError};
 use crate::task_clock;
@@ -19,11 +23,16 @@ const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 const PARALLELISM: u8 = 3;
 /// A sector's erase takes at most 4 s (DS12110).
 const MOST_WAITS: u32 = 5_000;
+/// A word is programmed within some 0.1 ms (DS12110): so often others have their turn before the task sleeps.
+const TURNS: u32 = 200;
+
+/// One task at a time.
+static BANK: Mutex<ThreadModeRawMutex, ()> = Mutex::new(());
 
 /// Waits until bank 2 is idle, and says what went wrong in what it did.
 async fn finished() -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
-    for _ in 0..MOST_WAITS {
+    for turn in 0..TURNS + MOST_WAITS {
         let status = bank.sr().read();
         if !status.qw() && !status.bsy() {
             let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
@@ -37,13 +46,14 @@ async fn finished() -> Result<(), FlashError> {
             });
             return if failed { Err("the flash refused it") } else { Ok(()) };
         }
-        task_clock::next().await;
+        if turn < TURNS { yield_now().await } else { task_clock::next().await }
     }
     Err("the flash does not answer")
 }
 
 /// Erases the sector at `address` and writes `bytes` to its beginning.
 pub async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    let _bank = BANK.lock().await;
     unlock();
     let result = match erase(address).await {
         Ok(()) => program(address, bytes).await,
@@ -55,11 +65,26 @@ pub async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), FlashError> 
 
 /// Programs 32 bytes of zeros at an address that is erased.
 pub async fn write_mark(address: u32) -> Result<(), FlashError> {
+    write_word(address, &[0; WORD_BYTES]).await
+}
+
+/// Programs a word at an address that is erased.
+pub async fn write_word(address: u32, word: &Word) -> Result<(), FlashError> {
+    let _bank = BANK.lock().await;
     unlock();
     let result = match finished().await {
-        Ok(()) => program(address, &[0; WORD_BYTES]).await,
+        Ok(()) => program(address, word).await,
         failed => failed,
     };
+    lock();
+    result
+}
+
+/// Erases the sector at `address`.
+pub async fn erase_sector(address: u32) -> Result<(), FlashError> {
+    let _bank = BANK.lock().await;
+    unlock();
+    let result = erase(address).await;
     lock();
     result
 }

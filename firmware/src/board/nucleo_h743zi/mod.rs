@@ -4,7 +4,7 @@
 //! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 and the voltage
 //! monitor have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
-mod flash;
+pub mod flash;
 #[cfg(feature = "on-chip-converters")]
 mod on_chip_converters;
 mod option_bytes;
@@ -58,7 +58,8 @@ impl Platform for NucleoH743zi {
     const KEPT_SETTINGS: u32 = 0x0816_0000;
     const ENVELOPE: u32 = 0x0818_0000;
     const SECTOR_BYTES: u32 = 128 * 1024;
-    const SPARE_SECTOR: u32 = 0x081A_0000;
+    /// The last one of an incoming image, which the boot stage takes only with its checksum.
+    const SPARE_SECTOR: u32 = 0x0814_0000;
     const BEYOND_FLASH: u32 = 0x0820_0000;
     const BROWN_OUT_LEVEL: &'static str = "2.4 V";
 

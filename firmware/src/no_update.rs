@@ -1,0 +1,53 @@
+//! No update over the line: the part's 512 KiB have no room for a second image beside the blocks, and it has
+//! no boot stage. Flash it over the debug probe.
+
+use hysteron_core::command_text::BlockPiece;
+use hysteron_core::firmware_update::ImageHeader;
+use hysteron_protocol::device::{UpdateRefusal, UpdateState};
+
+/// There is no update.
+pub fn state() -> UpdateState {
+    UpdateState::Unsupported
+}
+
+/// An image of this board has no header that anybody reads.
+pub fn running() -> Option<ImageHeader> {
+    None
+}
+
+/// Nothing was rolled back.
+pub fn load() -> bool {
+    false
+}
+
+/// No image is on trial.
+pub fn is_on_trial() -> bool {
+    false
+}
+
+/// Nothing is kept of it.
+pub fn healthy() {}
+
+/// Nothing is written.
+pub fn is_busy() -> bool {
+    false
+}
+
+/// Refuses.
+pub fn begin(_: u32) -> Result<(), UpdateRefusal> {
+    Err(UpdateRefusal::Unsupported)
+}
+
+/// Refuses.
+pub fn take(_: &BlockPiece) -> Result<bool, UpdateRefusal> {
+    Err(UpdateRefusal::Unsupported)
+}
+
+/// Refuses.
+pub fn commit(_: u32) -> Result<bool, UpdateRefusal> {
+    Err(UpdateRefusal::Unsupported)
+}
+
+/// Ends at once.
+#[embassy_executor::task]
+pub async fn updater() {}
