@@ -36,7 +36,7 @@ fn name((choice, inverse): (SchemeChoice, bool)) -> String {
     format!("{}{}", choice.name(), if inverse { "" } else { ", no inverse" })
 }
 
-/// What each scheme does on a stage; refusals are told with their reasons.
+/// What each scheme does on a stage; refusals are printed with their reasons.
 fn answers(truth: &StageTruth, seed: u64) -> [Answer; SCHEMES.len()] {
     let dataset = record(truth, StudyRecording::Wideband);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").expect("known effects");

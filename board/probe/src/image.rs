@@ -10,6 +10,8 @@ use std::path::Path;
 /// Flash for the program: three sectors of bank 1 of the STM32H743ZI, behind the boot stage (RM0433, 4.3;
 /// `memory.x`). The boot stage and the parameter blocks in bank 2 are not touched.
 pub const PROGRAM_FLASH: Range<u64> = 0x0802_0000..0x0808_0000;
+/// Flash of the boot stage, which starts the program: the first sector.
+const BOOT_FLASH: Range<u64> = 0x0800_0000..0x0802_0000;
 /// Where a stack begins: at the end of the DTCM or of the AXI SRAM. Images for other boards have it
 /// elsewhere, because they have other memories.
 const STACKS: [u64; 2] = [0x2002_0000, 0x2408_0000];
@@ -41,48 +43,80 @@ pub fn read(path: &Path) -> Result<(Image, Vec<u8>)> {
     Ok((image, bytes))
 }
 
+/// Reads the boot stage; the bytes that go into the flash.
+///
+/// # Errors
+/// As of [`read`].
+pub fn read_boot_stage(path: &Path) -> Result<u64> {
+    let named = path.display();
+    let bytes = std::fs::read(path).map_err(|error| format!("{named}: {error}"))?;
+    let wanted = "expected the boot stage that `cargo xtask firmware` builds";
+    let loaded = parse(&bytes, wanted).and_then(|file| Loaded::of(&file, &bytes, &BOOT_FLASH, "the boot stage's flash", wanted));
+    Ok(loaded.map_err(|what| format!("{named}: {what}"))?.bytes)
+}
+
+fn parse<'d>(bytes: &'d [u8], wanted: &str) -> Result<ElfFile32<'d>> {
+    let file: ElfFile32 = ElfFile32::parse(bytes).map_err(|_| format!("is no 32-bit ELF file; {wanted}"))?;
+    if file.elf_header().e_machine(file.endian()) != EM_ARM {
+        return Err(format!("is for another processor than an Arm Cortex-M; {wanted}"));
+    }
+    Ok(file)
+}
+
+/// What of a file goes into the flash.
+struct Loaded {
+    bytes: u64,
+    end: u64,
+    /// The project's name stands in it.
+    is_ours: bool,
+}
+
+impl Loaded {
+    /// Segments that all stay within a range of the flash, with vectors at its beginning.
+    fn of(file: &ElfFile32, content: &[u8], flash: &Range<u64>, named: &str, wanted: &str) -> Result<Self> {
+        let endian = file.endian();
+        let mut loaded = Self { bytes: 0, end: flash.start, is_ours: false };
+        let mut head = None;
+        for segment in file.elf_program_headers() {
+            let (address, length) = (u64::from(segment.p_paddr(endian)), u64::from(segment.p_filesz(endian)));
+            if segment.p_type(endian) != PT_LOAD || length == 0 {
+                continue;
+            }
+            let end = address + length;
+            if address < flash.start || end > flash.end {
+                let range = format!("{:#010x} to {:#010x}", flash.start, flash.end);
+                return Err(format!("would be written to {address:#010x}..{end:#010x}; {named} of an STM32H743ZI is {range}"));
+            }
+            let data = segment.data(endian, content).map_err(|()| "is cut off: a segment reaches beyond the file".to_string())?;
+            if address == flash.start {
+                head = data.first_chunk::<8>().copied();
+            }
+            loaded.is_ours |= data.windows(IDENTIFICATION.len()).any(|window| window == IDENTIFICATION);
+            loaded.bytes += length;
+            loaded.end = loaded.end.max(end);
+        }
+        let Some([a, b, c, d, e, f, g, h]) = head else {
+            return Err(format!("has no vector table at {:#010x}; {wanted}", flash.start));
+        };
+        let (stack, reset) = (u64::from(u32::from_le_bytes([a, b, c, d])), u64::from(u32::from_le_bytes([e, f, g, h])));
+        if !STACKS.contains(&stack) || reset & 1 == 0 || !flash.contains(&reset) {
+            return Err(format!(
+                "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which is not for a NUCLEO-H743ZI2; {wanted}"
+            ));
+        }
+        Ok(loaded)
+    }
+}
+
 /// Looks at the bytes of an image.
 pub fn inspect(bytes: &[u8]) -> Result<Image> {
     const WANTED: &str = "expected the image that `cargo xtask firmware` builds";
-    let file: ElfFile32 = ElfFile32::parse(bytes).map_err(|_| format!("is no 32-bit ELF file; {WANTED}"))?;
-    let endian = file.endian();
-    if file.elf_header().e_machine(endian) != EM_ARM {
-        return Err(format!("is for another processor than an Arm Cortex-M; {WANTED}"));
-    }
-    let mut image = Image { flash_bytes: 0, flash_end: PROGRAM_FLASH.start, log_address: 0 };
-    let mut head = None;
-    let mut is_ours = false;
-    for segment in file.elf_program_headers() {
-        let (address, length) = (u64::from(segment.p_paddr(endian)), u64::from(segment.p_filesz(endian)));
-        if segment.p_type(endian) != PT_LOAD || length == 0 {
-            continue;
-        }
-        let end = address + length;
-        if address < PROGRAM_FLASH.start || end > PROGRAM_FLASH.end {
-            let flash = format!("{:#010x} to {:#010x}", PROGRAM_FLASH.start, PROGRAM_FLASH.end);
-            return Err(format!("would be written to {address:#010x}..{end:#010x}; the program's flash of an STM32H743ZI is {flash}"));
-        }
-        let data = segment.data(endian, bytes).map_err(|()| "is cut off: a segment reaches beyond the file".to_string())?;
-        if address == PROGRAM_FLASH.start {
-            head = data.first_chunk::<8>().copied();
-        }
-        is_ours |= data.windows(IDENTIFICATION.len()).any(|window| window == IDENTIFICATION);
-        image.flash_bytes += length;
-        image.flash_end = image.flash_end.max(end);
-    }
-    let Some([a, b, c, d, e, f, g, h]) = head else {
-        return Err(format!("has no vector table at {:#010x}; {WANTED}", PROGRAM_FLASH.start));
-    };
-    let (stack, reset) = (u64::from(u32::from_le_bytes([a, b, c, d])), u64::from(u32::from_le_bytes([e, f, g, h])));
-    if !STACKS.contains(&stack) || reset & 1 == 0 || !PROGRAM_FLASH.contains(&reset) {
-        return Err(format!(
-            "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which is not for a NUCLEO-H743ZI2; {WANTED}"
-        ));
-    }
+    let file = parse(bytes, WANTED)?;
+    let loaded = Loaded::of(&file, bytes, &PROGRAM_FLASH, "the program's flash", WANTED)?;
     let has_log_table = file.section_by_name(".defmt").is_some_and(|section| section.size() > 0);
     let log = file.symbols().find(|symbol| symbol.name() == Ok(CONTROL_BLOCK)).map(|symbol| symbol.address());
     match log {
-        Some(address) if is_ours && has_log_table => Ok(Image { log_address: address, ..image }),
+        Some(log_address) if loaded.is_ours && has_log_table => Ok(Image { flash_bytes: loaded.bytes, flash_end: loaded.end, log_address }),
         _ => Err(format!("is a program for a Cortex-M, but none of this project; {WANTED}")),
     }
 }
@@ -157,7 +191,13 @@ mod tests {
         }
         let other = path.with_file_name("hysteron-firmware-nucleo-g474re");
         if other.is_file() {
-            assert!(read(&other).expect_err("another board's").contains("not for a NUCLEO-H743ZI2"));
+            assert!(read(&other).expect_err("another board's").contains("the program's flash"));
+        }
+        let stage = path.with_file_name("hysteron-boot-stage");
+        if stage.is_file() {
+            assert!(read_boot_stage(&stage).expect("a boot stage") < 128 * 1024);
+            assert!(read(&stage).expect_err("no program").contains("the program's flash"));
+            assert!(read_boot_stage(&path).expect_err("no boot stage").contains("the boot stage's flash"));
         }
         let (image, bytes) = read(&path).expect("an image");
         assert!(image.flash_bytes > 100_000 && image.flash_end <= PROGRAM_FLASH.end, "{image:?}");

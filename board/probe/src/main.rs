@@ -13,6 +13,7 @@ mod log;
 mod record;
 
 use clap::{Args, Parser, Subcommand};
+use flash::BootStage;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -26,10 +27,17 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Write the image into the board's flash and read it back. The board restarts; its parameter blocks stay
+    /// Write the boot stage and the image into the board's flash and read them back. The board restarts; its
+    /// parameter blocks stay
     Flash {
         /// The image, an ELF file, as `cargo xtask firmware` builds it
         image: PathBuf,
+        /// The boot stage, an ELF file [default: hysteron-boot-stage beside the image]
+        #[arg(long, value_name = "FILE", conflicts_with = "keep_boot_stage")]
+        boot_stage: Option<PathBuf>,
+        /// Leave the boot stage that the board has
+        #[arg(long)]
+        keep_boot_stage: bool,
         /// Look at the image and say what would be written; no probe is needed
         #[arg(long)]
         dry_run: bool,
@@ -104,7 +112,10 @@ fn whole(error: &dyn std::error::Error) -> String {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
-        Command::Flash { image, dry_run, which } => flash::flash(&image, dry_run, which.selector()),
+        Command::Flash { image, boot_stage, keep_boot_stage, dry_run, which } => {
+            let kept = if keep_boot_stage { BootStage::Kept } else { BootStage::Beside };
+            flash::flash(&image, boot_stage.map_or(kept, BootStage::File), dry_run, which.selector())
+        }
         Command::Attach { image, restart, raw, which } => log::attach(&image, restart, raw.as_deref(), which.selector()),
         Command::Record { image, raw, ticks, which } => record::record(&image, &raw, ticks, which.selector()),
         Command::List => chip::list(),
