@@ -9,7 +9,10 @@
 //! the drive reach a coherence of `c` in a bin with the probability `(1 - c)^(n - 1)` of `n` segments,
 //! whatever the drive and whatever the spectrum of the readings (Carter, Knapp, Nuttall, IEEE Trans. Audio
 //! Electroacoust. 21, 1973): a random walk is judged as white noise is. No model is needed, and nothing is
-//! fitted.
+//! fitted. Samples that do not count are left out of both signals: what one of them does alone is no answer.
+//!
+//! A drive that runs straight in most segments, as a slow triangle does, asks too little: readings that
+//! follow it look like a drift. Such segments decide nothing.
 
 use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
@@ -29,6 +32,9 @@ const SEGMENT_MIN: usize = 16;
 const BY_CHANCE: f64 = 1e-4;
 /// Bins in which a signal has less than this share of its strongest bin say nothing.
 const MOVES_THERE: f64 = 1e-4;
+/// Segments that must share the motion of the drive beside straight lines, as many as would hold all of it in
+/// equal parts: what moves in one or two goes with anything that moves there too.
+const SHARED_BY: f64 = 3.0;
 /// With fewer samples even a clear answer may be missed.
 const SAMPLES_MIN: usize = 2000;
 
@@ -37,15 +43,17 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::BeforeSearch) {
         return Vec::new();
     }
-    let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate) && r.window.len() >= SAMPLES_MIN;
+    let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate) && r.counted().count() >= SAMPLES_MIN;
     let records: Vec<&Record> = subject.dataset.records.iter().filter(judges).collect();
     parallel::map(&records, |record| of_record(record)).into_iter().flatten().collect()
 }
 
 fn of_record(record: &Record) -> Option<Issue> {
-    let readings = filled(record, &record.displacement_um);
+    let counted: Vec<usize> = record.counted().collect();
+    let of_counted = |signal: &[f64]| -> Vec<f64> { counted.iter().map(|k| signal[*k]).collect() };
+    let readings = of_counted(&record.displacement_um);
     let further = record.force_n.iter().chain(record.auxiliary.iter().map(|signal| &signal.values));
-    let inputs: Vec<&[f64]> = std::iter::once(&record.drive_v).chain(further).map(|signal| &signal[record.window.clone()]).collect();
+    let inputs: Vec<Vec<f64>> = std::iter::once(&record.drive_v).chain(further).map(|signal| of_counted(signal)).collect();
     let tests = SEGMENTS.len() * inputs.len();
     let mut clearest: Option<(f64, f64, f64)> = None;
     for segments in SEGMENTS.into_iter().filter(|n| readings.len() / n >= SEGMENT_MIN) {
@@ -64,19 +72,6 @@ fn of_record(record: &Record) -> Option<Issue> {
     (chance > BY_CHANCE).then(|| Issue::of(&record.name, Severity::Blocks, kind))
 }
 
-/// The readings inside the window, the last one that counts in the place of those that do not.
-fn filled(record: &Record, readings: &[f64]) -> Vec<f64> {
-    let first = record.counted().next().unwrap_or(record.window.start);
-    let mut last = readings[first];
-    let value = |k| {
-        if record.counts(k) {
-            last = readings[k];
-        }
-        last
-    };
-    record.window.clone().map(value).collect()
-}
-
 /// What a straight line does not meet of a signal.
 fn without_line(signal: &[f64]) -> Vec<f64> {
     let n = signal.len() as f64;
@@ -86,9 +81,24 @@ fn without_line(signal: &[f64]) -> Vec<f64> {
     signal.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
+/// Whether an input moves beside straight lines, and in enough segments.
+fn asks(input: &[f64], segments: usize) -> bool {
+    let square = |signal: &[f64]| rms(signal).powi(2);
+    let mean = input.iter().sum::<f64>() / input.len().max(1) as f64;
+    let about_mean: Vec<f64> = input.iter().map(|v| v - mean).collect();
+    let of_segment = |segment: &[f64]| square(&without_line(segment));
+    let squares: Vec<f64> = input.chunks_exact(input.len() / segments).take(segments).map(of_segment).collect();
+    let sum: f64 = squares.iter().sum();
+    let shared_by = sum * sum / squares.iter().map(|s| s * s).sum::<f64>().max(f64::MIN_POSITIVE);
+    sum >= MOVES_THERE * segments as f64 * square(&about_mean) && shared_by >= SHARED_BY
+}
+
 /// The largest coherence over the bins in which the input moves, and how many these are; nothing where it
 /// does not move.
 fn largest_coherence(input: &[f64], readings: &[f64], segments: usize) -> Option<(f64, usize)> {
+    if !asks(input, segments) {
+        return None;
+    }
     let length = readings.len() / segments;
     let window: Vec<f64> = (0..length).map(|i| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / length as f64).cos()).collect();
     let transform = RealFftPlanner::<f64>::new().plan_fft_forward(length);
@@ -165,6 +175,35 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Triangles of a few periods whose corners fall between segments, or lie in one or two of them, and a
+    /// ramp: nothing is blocked.
+    #[test]
+    fn drives_that_run_straight_block_nothing() {
+        for period in [SAMPLES / 2, SAMPLES, SAMPLES + SAMPLES / 2, 2 * SAMPLES] {
+            let drive = |k: usize| 40.0 - 40.0 * (4.0 * ((k as f64 / period as f64).fract() - 0.5).abs() - 1.0);
+            let mut noise = WhiteNoise::new(0.01, 3);
+            let readings = (0..SAMPLES).map(|k| 0.1 * drive(k) + noise.next_um()).collect();
+            let record = Record::new("slow", 1e3, (0..SAMPLES).map(drive).collect(), readings).with_role(Role::Identify);
+            let dataset = Dataset::new("t", 0.0, 80.0, vec![record]).unwrap();
+            assert_eq!(check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch }), [], "{period}");
+        }
+    }
+
+    /// Two pieces of one record, held-out ones as a file that is cut has them: what lies between them does not
+    /// count.
+    #[test]
+    fn pieces_of_a_record_answer() {
+        // 50 Hz of growing height.
+        let drive = |k: usize| (18.0 + 6e-3 * k as f64) * (0.0314 * k as f64).sin();
+        let mut noise = WhiteNoise::new(0.3, 3);
+        let samples = 3 * SAMPLES / 2;
+        let readings = (0..samples).map(|k| 0.18 * drive(k) + noise.next_um()).collect();
+        let mut record = Record::new("pieces", 10e3, (0..samples).map(drive).collect(), readings).with_role(Role::Identify);
+        record.leave_out([samples / 3..2 * samples / 3]);
+        let dataset = Dataset::new("t", -80.0, 80.0, vec![record]).unwrap();
+        assert_eq!(check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch }), []);
     }
 
     /// A sixth of a micrometre in half a micrometre of noise, a stage that follows a quarter of a period

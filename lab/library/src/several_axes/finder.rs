@@ -6,11 +6,10 @@
 //! everything else is tried in its place. An effect without which the error is no larger is removed. An
 //! effect that another one replaces as well is reported with an "or".
 
-use super::fit::{Problem, STRETCHES, Signals, damped_solution};
+use super::fit::{Problem, STRETCHES, damped_solution};
 use super::recordings::AxesData;
-use super::removal::{Beside, Removal};
 use super::residual_spectra::ResidualSpectra;
-use super::structure::{AxisEffect, Described, Free, Scales};
+use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
 use crate::error::{Error, Result};
 use crate::parallel;
@@ -28,15 +27,13 @@ pub struct AxesPolicy {
     pub at_the_noise: f64,
     /// Candidates that are fitted in a step, the best by their linearised falls.
     pub fitted: usize,
-    /// Most effects of a model: twenty modes that three drives move and three sensors see have 100.
+    /// Most effects of a model.
     pub effects_max: usize,
-    /// Fitted samples of a search, in records as different as there are; the last fit is to all.
-    pub searched_samples: usize,
 }
 
 impl Default for AxesPolicy {
     fn default() -> Self {
-        Self { p_value: 1.35e-3, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 150, searched_samples: 25_000 }
+        Self { p_value: 1.35e-3, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
     }
 }
 
@@ -88,39 +85,10 @@ pub struct AxesFound {
 }
 
 /// A candidate with a first guess.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Candidate {
     effect: AxisEffect,
     guess: [f64; 2],
-    /// For a mode that all drives move and all sensors see: the participations of the drives.
-    of_drives: Vec<f64>,
-}
-
-impl Candidate {
-    fn new(effect: AxisEffect, guess: [f64; 2]) -> Self {
-        Self { effect, guess, of_drives: Vec::new() }
-    }
-
-    /// A model with it, and the numbers on which its readings depend linearly at first.
-    fn beside(&self, model: &Described, scales: &Scales) -> (Described, Vec<Free>) {
-        let mut with = model.with(self.effect, self.guess, scales);
-        let mut linear = with.free_of(self.effect);
-        // At first the shape of what does nothing has no derivative.
-        linear.retain(|free| !matches!(free, Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_)));
-        if let AxisEffect::Vibration { mode, drive, sensor } = self.effect {
-            for (other, share) in self.of_drives.iter().enumerate().filter(|(other, _)| *other != drive) {
-                with.effects.push(AxisEffect::DriveCoupling { drive: other, mode });
-                with.stage.modes[mode].of_drives[other] = *share;
-            }
-            if !self.of_drives.is_empty() {
-                let others = (0..with.stage.sensors.len()).filter(|other| *other != sensor);
-                let others: Vec<AxisEffect> = others.map(|sensor| AxisEffect::SensorCoupling { mode, sensor }).collect();
-                linear.extend(others.iter().flat_map(|other| with.free_of(*other)));
-                with.effects.extend(others);
-            }
-        }
-        (with, linear)
-    }
 }
 
 /// A candidate with its linearised fall and the values there.
@@ -152,8 +120,7 @@ const FALL_OF_LAST: f64 = 1e-4;
 /// # Errors
 /// When the watch stops it.
 pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn Watch) -> Result<AxesFound> {
-    let chosen = data.for_search(policy.searched_samples);
-    let problem = Problem::new(&chosen);
+    let problem = Problem::new(data);
     let search = Search { problem: &problem, policy, watch };
     let mut model = problem.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
     let given = model.effects.len();
@@ -168,8 +135,6 @@ pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn
     }
     model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
     let (model, findings) = search.question(model, given)?;
-    let problem = Problem::new(data);
-    let model = if chosen.records.len() < data.records.len() { problem.fit(&model, STEPS_OF_SEARCH, FALL_OF_LAST) } else { model };
     let judged = problem.judged(&model.stage);
     Ok(AxesFound {
         steps,
@@ -251,111 +216,60 @@ impl Search<'_> {
     }
 
     /// Takes every effect out once: removes those without which the error is no larger, and finds what does
-    /// as well in the place of the others. The linearised fit without an effect decides which are fitted.
+    /// as well in the place of the others.
     fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<AxisFinding>)> {
-        let mut needed: Vec<AxisEffect> = Vec::new();
         loop {
-            if self.watch.stopped() {
-                return Err(Error::Stopped);
-            }
             let judged = self.problem.judged(&model.stage);
             let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
-            let least_missed = {
-                let removal = Removal::new(self.problem, &model);
-                let without = parallel::map(&effects, |effect| removal.judged(&removal.without(*effect)).unwrap_or_default());
-                // The one that is missed least goes first: another one may take its place.
-                let is_idle = |n: &usize| !needed.contains(&effects[*n]) && !self.is_better(&judged, &without[*n]);
-                let idle = (0..effects.len()).filter(is_idle).min_by(|a, b| rms(&without[*a]).total_cmp(&rms(&without[*b])));
-                let Some(least_missed) = idle else {
-                    let findings = self.findings(&removal, &model, &judged, &effects, &without)?;
-                    drop(removal);
-                    return Ok((model, findings));
-                };
-                effects[least_missed]
-            };
-            let fitted = self.problem.fit(&model.without(least_missed), STEPS_OF_SEARCH, FALL_OF_SEARCH);
-            if self.is_better(&judged, &self.problem.judged(&fitted.stage)) {
-                needed.push(least_missed);
-            } else {
-                // Modes behind one that goes have other numbers from here on.
-                needed.clear();
-                model = fitted;
+            let without = parallel::map(&effects, |effect| {
+                let fitted = self.problem.fit(&model.without(*effect), STEPS_OF_SEARCH, FALL_OF_SEARCH);
+                let without = self.problem.judged(&fitted.stage);
+                (fitted, without)
+            });
+            // The one that is missed least goes first: another one may take its place.
+            let idle = without.iter().filter(|(_, without)| !self.is_better(&judged, without));
+            if let Some((fitted, _)) = idle.min_by(|a, b| rms(&a.1).total_cmp(&rms(&b.1))) {
+                model = fitted.clone();
+                continue;
             }
+            let mut findings = Vec::new();
+            for (effect, (fitted, without)) in effects.iter().zip(&without) {
+                if self.watch.stopped() {
+                    return Err(Error::Stopped);
+                }
+                let named = effect.named(&model.stage, self.problem.data);
+                findings.push(AxisFinding {
+                    effect: *effect,
+                    named,
+                    without: rms(without),
+                    or: self.instead(*effect, &judged, &model, fitted),
+                });
+            }
+            return Ok((model, findings));
         }
     }
 
-    /// What the data say about each effect of a final model.
-    fn findings(
-        &self,
-        removal: &Removal,
-        model: &Described,
-        judged: &[f64],
-        effects: &[AxisEffect],
-        without: &[Vec<f64>],
-    ) -> Result<Vec<AxisFinding>> {
-        let problem = self.problem;
-        let beside = |candidate: &Candidate| {
-            let (with, linear) = candidate.beside(model, &problem.scales);
-            removal.beside(&with, &linear)
-        };
-        let single = self.single_candidates(model);
-        let columns = parallel::map(&single, beside);
-        let mut findings = Vec::new();
-        for (effect, without) in effects.iter().zip(without) {
-            if self.watch.stopped() {
-                return Err(Error::Stopped);
-            }
-            let alone = model.without(*effect).effects.len() + 1 == model.effects.len();
-            // Where a mode goes, what stands on it goes too: no single effect replaces all of them.
-            let or = if alone {
-                let taken_out = removal.without(*effect);
-                let modes = self.modes_in(model, &removal.signals, &removal.residual(&taken_out));
-                let modes: Vec<Candidate> = modes.into_iter().filter(|mode| mode.of_drives.is_empty()).collect();
-                let columns_of_modes = parallel::map(&modes, beside);
-                // An effect in its place must make up for half of what it costs to be worth a fit.
-                let worth_a_fit = (0.5 * (rms(judged).powi(2) + rms(without).powi(2))).sqrt();
-                let all = single.iter().zip(&columns).chain(modes.iter().zip(&columns_of_modes));
-                let makes_up = |columns: &Beside| removal.with_instead(&taken_out, columns).is_some_and(|error| error < worth_a_fit);
-                let instead: Vec<Candidate> =
-                    all.filter(|(_, columns)| makes_up(columns)).map(|(candidate, _)| candidate.clone()).collect();
-                self.instead(*effect, judged, model, &instead)
-            } else {
-                Vec::new()
-            };
-            findings.push(AxisFinding { effect: *effect, named: effect.named(&model.stage, problem.data), without: rms(without), or });
-        }
-        Ok(findings)
-    }
-
-    /// Single effects of those given that do as well as `effect` beside the rest of the model.
-    fn instead(&self, effect: AxisEffect, judged: &[f64], model: &Described, candidates: &[Candidate]) -> Vec<(AxisEffect, String)> {
-        let without = model.without(effect);
+    /// Single effects that do as well as `effect` beside the rest of the model.
+    fn instead(&self, effect: AxisEffect, judged: &[f64], model: &Described, without: &Described) -> Vec<(AxisEffect, String)> {
         // Another mode that the same drive moves at the same sensor is the same effect.
         let same = |other: AxisEffect| match (effect, other) {
             (AxisEffect::Vibration { drive, sensor, .. }, AxisEffect::Vibration { drive: d, sensor: s, .. }) => (drive, sensor) == (d, s),
             _ => effect == other,
         };
-        let candidates: Vec<Candidate> = candidates.iter().filter(|candidate| !same(candidate.effect)).cloned().collect();
-        if candidates.is_empty() {
+        // Where a mode goes, what stands on it goes too: no single effect replaces all of them.
+        if model.effects.len() != without.effects.len() + 1 {
             return Vec::new();
         }
-        let fitted = self.fitted(self.scored(&without, &candidates), self.policy.fitted);
+        let candidates: Vec<Candidate> = self.candidates(without).into_iter().filter(|candidate| !same(candidate.effect)).collect();
+        let fitted = self.fitted(self.scored(without, &candidates), self.policy.fitted);
         // What needs more numbers for the same error is no explanation beside this one.
         let simple = fitted.into_iter().filter(|(_, fitted, _)| fitted.parameters() <= model.parameters());
         let as_good = simple.filter(|(_, _, with)| !self.is_better(judged, with));
         as_good.map(|(other, fitted, _)| (other, other.named(&fitted.stage, self.problem.data))).collect()
     }
 
-    /// Every effect in every channel and mode where it is not yet, and one more mode.
-    fn candidates(&self, model: &Described) -> Vec<Candidate> {
-        let signals = self.problem.simulate(&model.stage);
-        let mut out = self.single_candidates(model);
-        out.extend(self.modes_in(model, &signals, &self.problem.residual(&signals, Role::Identify)));
-        out
-    }
-
     /// Every effect in every channel and mode where it is not yet.
-    fn single_candidates(&self, model: &Described) -> Vec<Candidate> {
+    fn candidates(&self, model: &Described) -> Vec<Candidate> {
         let (drives, sensors, modes) = (model.stage.drives.len(), model.stage.sensors.len(), model.stage.modes.len());
         let mut effects = Vec::new();
         for drive in 0..drives {
@@ -371,48 +285,39 @@ impl Search<'_> {
         }
         effects.extend((0..modes).map(|mode| AxisEffect::NonlinearStiffness { mode }));
         let reach = self.problem.scales.reach();
-        let mut out: Vec<Candidate> = effects.into_iter().map(|effect| Candidate::new(effect, [0.0; 2])).collect();
+        let mut out: Vec<Candidate> = effects.into_iter().map(|effect| Candidate { effect, guess: [0.0; 2] }).collect();
         for mode in 0..modes {
-            out.extend(FRICTION_BENDS.map(|share| Candidate::new(AxisEffect::Friction { mode }, [share * reach, 0.0])));
+            out.extend(FRICTION_BENDS.map(|share| Candidate { effect: AxisEffect::Friction { mode }, guess: [share * reach, 0.0] }));
         }
         out.retain(|candidate| !model.effects.contains(&candidate.effect));
+        out.extend(self.modes_in_the_residual(model));
         out
     }
 
-    /// For every drive and sensor the frequency and damping at which one more mode follows the residual best,
-    /// and the same for a mode of all drives and sensors.
-    fn modes_in(&self, model: &Described, signals: &Signals, residual: &DVector<f64>) -> Vec<Candidate> {
+    /// For every drive and sensor the frequency and damping at which one more mode follows the residual best.
+    fn modes_in_the_residual(&self, model: &Described) -> Vec<Candidate> {
         let problem = self.problem;
+        let signals = problem.simulate(&model.stage);
+        let residual = problem.residual(&signals, Role::Identify);
         let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
         let scales = &problem.scales;
         let (from_hz, to_hz) = (SCAN_FROM_TURNS / scales.duration_s, SCAN_TO / scales.dt_s);
         let count = ((to_hz / from_hz).ln() / SCAN_APART).ceil().max(1.0) as usize;
         let frequency_hz = |f: usize| from_hz * (SCAN_APART * f as f64).exp();
-        let tried: Vec<[f64; 2]> = (0..count).flat_map(|f| SCAN_DAMPING.map(|damping| [frequency_hz(f), damping])).collect();
+        let tried: Vec<(usize, usize, f64)> =
+            (0..drives).flat_map(|drive| (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping)))).collect();
         let mode = model.stage.modes.len();
-        let spectra = ResidualSpectra::of(problem, signals, residual);
-        // Of each: by how much it lowers the squares of every sensor, by drive, and those of all sensors.
-        let falls = parallel::map(&tried, |at| {
-            let of_drive =
-                |drive: usize| spectra.shares_of_mode(drive, at[0], at[1]).iter().map(|share| share * share).collect::<Vec<f64>>();
-            ((0..drives).map(of_drive).collect::<Vec<_>>(), spectra.of_all_drives(at[0], at[1]).1)
-        });
-        let best_of = |fall: &dyn Fn(usize) -> f64| (0..tried.len()).max_by(|a, b| fall(*a).total_cmp(&fall(*b))).map(|n| tried[n]);
+        // Of each: by how much it lowers the squares of every sensor.
+        let spectra = ResidualSpectra::of(problem, &signals, &residual);
+        let falls = parallel::map(&tried, |(drive, f, damping)| spectra.falls_by_mode(*drive, frequency_hz(*f), *damping));
         let pairs: Vec<(usize, usize)> = (0..drives).flat_map(|drive| (0..sensors).map(move |sensor| (drive, sensor))).collect();
         let candidate = |(drive, sensor): &(usize, usize)| {
-            let guess = spectra.refined(*drive, *sensor, best_of(&|n| falls[n].0[*drive][*sensor])?, SCAN_APART);
-            Some(Candidate::new(AxisEffect::Vibration { mode, drive: *drive, sensor: *sensor }, guess))
+            let of_drive = tried.iter().zip(&falls).filter(|((d, _, _), _)| d == drive);
+            let ((_, f, damping), _) = of_drive.max_by(|a, b| a.1[*sensor].total_cmp(&b.1[*sensor]))?;
+            let guess = spectra.refined(*drive, *sensor, [frequency_hz(*f), *damping], SCAN_APART);
+            Some(Candidate { effect: AxisEffect::Vibration { mode, drive: *drive, sensor: *sensor }, guess })
         };
-        let mut out: Vec<Candidate> = parallel::map(&pairs, candidate).into_iter().flatten().collect();
-        if let Some(guess) = best_of(&|n| falls[n].1).filter(|_| pairs.len() > 1) {
-            let guess = spectra.refined_of_all(guess, SCAN_APART);
-            let (of_drives, _) = spectra.of_all_drives(guess[0], guess[1]);
-            let drive = (0..drives).max_by(|a, b| of_drives[*a].abs().total_cmp(&of_drives[*b].abs())).unwrap_or(0);
-            let shares = spectra.shares_of_mode(drive, guess[0], guess[1]);
-            let sensor = (0..sensors).max_by(|a, b| shares[*a].abs().total_cmp(&shares[*b].abs())).unwrap_or(0);
-            out.push(Candidate { of_drives, ..Candidate::new(AxisEffect::Vibration { mode, drive, sensor }, guess) });
-        }
-        out
+        parallel::map(&pairs, candidate).into_iter().flatten().collect()
     }
 
     /// Candidates by the held-out error that their linearised fits predict, the best first; of each effect
@@ -425,7 +330,10 @@ impl Search<'_> {
         let own = model.free();
         let gram_of_own = rows[0].columns.tr_mul(&rows[0].columns);
         let score = |candidate: &Candidate| -> Option<Scored> {
-            let (with, new) = candidate.beside(model, &problem.scales);
+            let with = model.with(candidate.effect, candidate.guess, &problem.scales);
+            // At first the shape of what does nothing has no derivative.
+            let shapes = |free: &Free| matches!(free, Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_));
+            let new: Vec<Free> = with.free_of(candidate.effect).into_iter().filter(|free| !shapes(free)).collect();
             let columns = problem.columns_beside(&with, &signals, &new, &roles);
             let solved = Linearised::new(&gram_of_own, &rows[0].columns, &columns[0], &rows[0].residual);
             let step = damped_solution(&solved.gram, &solved.against, 1e-9)?;
@@ -435,15 +343,14 @@ impl Search<'_> {
                 let value = free.get(&start.stage) + by;
                 free.set(&mut start.stage, value);
             }
-            Some(Scored { candidate: candidate.clone(), predicted: left.norm_squared(), start })
+            Some(Scored { candidate: *candidate, predicted: left.norm_squared(), start })
         };
         let mut scored: Vec<Scored> = parallel::map(candidates, score).into_iter().flatten().collect();
         scored.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
         let mut seen = Vec::new();
         scored.retain(|scored| {
-            let this = (scored.candidate.effect, scored.candidate.of_drives.is_empty());
-            let new = !seen.contains(&this);
-            seen.push(this);
+            let new = !seen.contains(&scored.candidate.effect);
+            seen.push(scored.candidate.effect);
             new
         });
         scored

@@ -188,11 +188,7 @@ impl<'d> Problem<'d> {
 
     /// Mean squares of the weighted residual on stretches of the records that judge.
     pub(super) fn judged(&self, stage: &ModalStage) -> Vec<f64> {
-        self.by_stretch(&self.residual(&self.simulate(stage), Role::Validate))
-    }
-
-    /// Mean squares of a residual of the records that judge, by stretch.
-    pub(super) fn by_stretch(&self, residual: &DVector<f64>) -> Vec<f64> {
+        let residual = self.residual(&self.simulate(stage), Role::Validate);
         let mut out = Vec::new();
         let mut at = 0;
         for (_, record) in self.data.of_role(Role::Validate) {

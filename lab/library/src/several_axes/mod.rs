@@ -16,7 +16,6 @@ pub mod manifest;
 pub mod model_text;
 pub mod planted;
 pub mod recordings;
-mod removal;
 mod residual_spectra;
 pub mod response_matrix;
 pub mod structure;

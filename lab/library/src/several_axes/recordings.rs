@@ -152,31 +152,6 @@ impl AxesData {
         Ok(data)
     }
 
-    /// The same with about so many samples that are fitted: records from the smallest drive to the largest,
-    /// of alike ones the one with the least noise.
-    #[must_use]
-    pub fn for_search(&self, samples: usize) -> Self {
-        let counted = |record: &AxesRecord| record.counted_to - record.counted_from;
-        let power = |record: &AxesRecord| -> f64 {
-            let of_drive = |drive: &Vec<f64>| drive.iter().map(|u| u * u).sum::<f64>() / drive.len() as f64;
-            record.drives.iter().map(of_drive).sum()
-        };
-        let noise = |n: &usize| self.records[*n].noise.iter().flatten().sum::<f64>();
-        let mut fitted: Vec<usize> = self.of_role(Role::Identify).map(|(n, _)| n).collect();
-        let all: usize = fitted.iter().map(|n| counted(&self.records[*n])).sum();
-        if all <= samples {
-            return self.clone();
-        }
-        fitted.sort_by(|a, b| power(&self.records[*a]).total_cmp(&power(&self.records[*b])));
-        let groups = (samples * fitted.len()).div_ceil(all).max(1);
-        let of_group = |group: usize| &fitted[group * fitted.len() / groups..(group + 1) * fitted.len() / groups];
-        let chosen: Vec<usize> =
-            (0..groups).filter_map(|group| of_group(group).iter().copied().min_by(|a, b| noise(a).total_cmp(&noise(b)))).collect();
-        let stays = |n: usize| self.records[n].role == Role::Validate || chosen.contains(&n);
-        let records = (0..self.records.len()).filter(|n| stays(*n)).map(|n| self.records[n].clone()).collect();
-        Self { records, ..self.clone() }
-    }
-
     /// The records that are fitted, or those that judge.
     pub fn of_role(&self, role: Role) -> impl Iterator<Item = (usize, &AxesRecord)> {
         self.records.iter().enumerate().filter(move |(_, record)| record.role == role)
@@ -209,25 +184,5 @@ mod tests {
         // Nine periods are averaged.
         assert!((shown - 0.1 / 3.0).abs() < 0.003, "{shown}");
         assert_eq!((record.counted_from, record.counted_to, record.drives[0].len()), (640, 1280, 1280));
-    }
-
-    #[test]
-    fn a_search_takes_the_quietest_record_of_every_level() {
-        let record = |level: f64, noise: f64, role: Role| {
-            let signal: Vec<f64> = (0..1000).map(|k| level * f64::from(k % 50)).collect();
-            AxesRecord {
-                noise: Some(vec![noise]),
-                ..AxesRecord::new(&format!("{level} {noise}"), 1000.0, role, vec![signal.clone()], vec![signal])
-            }
-        };
-        let levels = [(3.0, 0.2), (1.0, 0.3), (2.0, 0.1), (1.0, 0.1), (3.0, 0.1), (2.0, 0.4)];
-        let mut records: Vec<AxesRecord> = levels.iter().map(|(level, noise)| record(*level, *noise, Role::Identify)).collect();
-        records.push(record(2.0, 0.1, Role::Validate));
-        let data = AxesData::new("levels", records).unwrap();
-        let names = |data: &AxesData| data.of_role(Role::Identify).map(|(_, record)| record.name.clone()).collect::<Vec<_>>();
-        // Half of the fitted samples: one record of each level.
-        assert_eq!(names(&data.for_search(2850)), ["2 0.1", "1 0.1", "3 0.1"]);
-        assert_eq!(data.for_search(2850).of_role(Role::Validate).count(), 1);
-        assert_eq!(data.for_search(100_000).records.len(), data.records.len());
     }
 }

@@ -112,16 +112,8 @@ impl AxisEffect {
         format!("{}: {}", self.id(), self.place(stage, data))
     }
 
-    /// The mode that it is or is of.
-    pub(super) fn mode(&self) -> Option<usize> {
-        match *self {
-            Self::Vibration { mode, .. } => Some(mode),
-            _ => self.needs_mode(),
-        }
-    }
-
     /// The mode without which it means nothing.
-    pub(super) fn needs_mode(&self) -> Option<usize> {
+    fn needs_mode(&self) -> Option<usize> {
         match *self {
             Self::DriveCoupling { mode, .. }
             | Self::SensorCoupling { mode, .. }
