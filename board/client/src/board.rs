@@ -113,14 +113,26 @@ impl Board {
                     self.identification = answer.trim().to_string();
                     // Answers to greetings before this one.
                     self.forget_what_comes()?;
-                    self.ask("ERR?")?;
-                    return Ok(());
+                    return self.pass_over_greetings();
                 }
                 Ok(other) => last = Error::new("board", format!("answers `{}`", other.trim())),
                 Err(problem) => last = problem,
             }
         }
         Err(last)
+    }
+
+    /// Asks for the last error and passes over what comes before its answer, a number: a board that was
+    /// restarting answers earlier greetings late, and answers come in the order of the questions.
+    fn pass_over_greetings(&mut self) -> Result<()> {
+        let mut answer = self.ask("ERR?")?;
+        for _ in 0..2 * GREETINGS {
+            if answer.trim().parse::<i64>().is_ok() {
+                return Ok(());
+            }
+            answer = self.answer_within(self.patience, MOST_GREETING_BYTES)?;
+        }
+        Err(Error::new("ERR?", format!("the board answers `{}`", answer.trim())))
     }
 
     /// Forgets what comes until nothing does.
