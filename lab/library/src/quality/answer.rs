@@ -201,7 +201,7 @@ mod tests {
         let samples = 3 * SAMPLES / 2;
         let readings = (0..samples).map(|k| 0.18 * drive(k) + noise.next_um()).collect();
         let mut record = Record::new("pieces", 10e3, (0..samples).map(drive).collect(), readings).with_role(Role::Identify);
-        record.leave_out([samples / 3..2 * samples / 3]);
+        record.leave_out(std::iter::once(samples / 3..2 * samples / 3));
         let dataset = Dataset::new("t", -80.0, 80.0, vec![record]).unwrap();
         assert_eq!(check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch }), []);
     }
