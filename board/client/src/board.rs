@@ -17,7 +17,7 @@ const SHORT_PATIENCE: Duration = Duration::from_secs(1);
 const GREETINGS: usize = 30;
 /// The same of a serial port at the first speed.
 const GREETINGS_OF_A_PORT: usize = 3;
-/// The same of a socket: an emulated board on a busy machine begins late.
+/// The same of a socket: under a load of nine, an emulated board on two cores answers nothing for 6 s.
 const GREETINGS_OF_A_SOCKET: usize = 15;
 /// Bytes of lines that are sent before the board is asked whether it took them: its store holds 2048.
 const MOST_BYTES_AT_ONCE: usize = 1500;

@@ -3,9 +3,9 @@
 //! # How it works
 //! [`port::Port`] carries bytes, over a cable or a socket; [`board::Board`] has the conversation: it asks,
 //! tells and looks at `ERR?` after what it told, all in the General Command Set 2.0 (`hysteron_protocol`). On
-//! that stand [`upload`] (a parameter block), [`update`] (another [`image`]), [`playing`] (a drive that is played from rest, and what the
-//! recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in um and V) [`condition`] (how
-//! the board is, in words) and [`following`] (how well its closed loop followed).
+//! that stand [`upload`] (a parameter block), [`update`] (another [`image`]), [`playing`] (a drive that is
+//! played from rest, and what the recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in
+//! um and V), [`condition`] (how the board is, in words) and [`following`] (how well its closed loop followed).
 //!
 //! A board may be slower than its hardware, where it is emulated: nothing here reckons with the clock. What
 //! is waited for is asked for again and again; the client gives up a board only when not a byte has come for

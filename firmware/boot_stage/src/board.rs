@@ -10,7 +10,7 @@ pub struct Board;
 pub trait Platform {
     /// Before a word is read.
     fn begin_reading();
-    /// Behind it: whether it had a double ECC error.
+    /// Behind it: whether it has a double ECC error.
     fn end_reading() -> bool;
 }
 

@@ -33,7 +33,8 @@ const BY_CHANCE: f64 = 1e-4;
 /// Bins in which a signal has less than this share of its strongest bin say nothing.
 const MOVES_THERE: f64 = 1e-4;
 /// Segments that must share the motion of the drive beside straight lines, as many as would hold all of it in
-/// equal parts: what moves in one or two goes with anything that moves there too.
+/// equal parts: what moves in one or two goes with anything that moves there too. Without it triangles of one
+/// and two periods, and a ramp, are blocked (the tests below).
 const SHARED_BY: f64 = 3.0;
 /// With fewer samples even a clear answer may be missed.
 const SAMPLES_MIN: usize = 2000;
