@@ -113,26 +113,13 @@ impl Board {
                     self.identification = answer.trim().to_string();
                     // Answers to greetings before this one.
                     self.forget_what_comes()?;
-                    return self.pass_over_greetings();
+                    return self.ask_until("ERR?", |answer| answer.trim().parse::<i64>().is_ok()).map(|_| ());
                 }
                 Ok(other) => last = Error::new("board", format!("answers `{}`", other.trim())),
                 Err(problem) => last = problem,
             }
         }
         Err(last)
-    }
-
-    /// Asks for the last error and passes over what comes before its answer, a number: a board that was
-    /// restarting answers earlier greetings late, and answers come in the order of the questions.
-    fn pass_over_greetings(&mut self) -> Result<()> {
-        let mut answer = self.ask("ERR?")?;
-        for _ in 0..2 * GREETINGS {
-            if answer.trim().parse::<i64>().is_ok() {
-                return Ok(());
-            }
-            answer = self.answer_within(self.patience, MOST_GREETING_BYTES)?;
-        }
-        Err(Error::new("ERR?", format!("the board answers `{}`", answer.trim())))
     }
 
     /// Forgets what comes until nothing does.
@@ -244,15 +231,15 @@ impl Board {
         self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))
     }
 
-    /// Asks, and passes over answers to earlier questions until one has `part`: a board that was restarting
-    /// answers greetings late.
+    /// Asks, and passes over answers to earlier questions: a board that was restarting answers greetings late,
+    /// and answers come in the order of the questions.
     ///
     /// # Errors
     /// The board does not answer, or not so.
-    pub(crate) fn ask_for(&mut self, question: &str, part: &str) -> Result<String> {
+    pub(crate) fn ask_until(&mut self, question: &str, is_answer: impl Fn(&str) -> bool) -> Result<String> {
         let mut answer = self.ask(question)?;
         for _ in 0..2 * GREETINGS {
-            if answer.contains(part) {
+            if is_answer(&answer) {
                 return Ok(answer);
             }
             answer = self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))?;

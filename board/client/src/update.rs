@@ -46,7 +46,7 @@ pub fn state(board: &mut Board) -> Result<String> {
 
 /// What `UPD?` answers: board and converters of the running image, and how far an update is.
 fn answer(board: &mut Board) -> Result<(Option<[String; 2]>, String)> {
-    let text = board.ask_for("UPD?", "STATE=")?;
+    let text = board.ask_until("UPD?", |answer| answer.contains("STATE="))?;
     let line = |key: &str| text.lines().find_map(|line| line.trim().strip_prefix(key).map(str::to_string));
     let image = line("IMAGE=").and_then(|image| {
         let mut words = image.split_ascii_whitespace().map(str::to_string);
