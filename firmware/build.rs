@@ -47,7 +47,7 @@ const SAMPLE_RATE: &str = "HYSTERON_SAMPLE_RATE_HZ";
 const USUAL_SAMPLE_RATE_HZ: u32 = 20_000;
 
 /// The sampling rate of the image, Hz. The NUCLEO-G474RE has 1,700 cycles in a period of 100 kHz and 3,400 in
-/// one of 50 kHz, and a tick may take 1,778 instructions; it has not run at all.
+/// one of 50 kHz, and a tick may take 1,500 instructions; it has not run at all.
 fn sample_rate_hz(is_g474re: bool) -> Result<u32, String> {
     let accepted: &[u32] = if is_g474re { &[USUAL_SAMPLE_RATE_HZ] } else { &[USUAL_SAMPLE_RATE_HZ, 50_000, 100_000] };
     let Ok(text) = env::var(SAMPLE_RATE) else { return Ok(USUAL_SAMPLE_RATE_HZ) };

@@ -45,7 +45,7 @@ use crate::predictor_law::PredictorLaw;
 use crate::reference_window::ReferenceWindow;
 use crate::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, narrow, saturate};
-use crate::signal_filter::{FilteredSignal, Place, SectionRow, SignalFilter};
+use crate::signal_filter::{FilteredSignal, Place, SectionRow, SignalFilter, step_both};
 use crate::sliding_mode_controller::{Reaching, SlidingModeController};
 use crate::state_estimator::StateEstimator;
 
@@ -197,10 +197,9 @@ impl ServoTick {
     }
 
     /// The reading and the reference ahead, filtered.
-    #[inline(never)]
+    #[inline(always)]
     fn filter(&mut self, reading: i32, ahead: i32) -> (i32, i32) {
-        let saturated = &mut self.counters.saturated_values;
-        let filtered = (self.sensor.step(reading, saturated), self.set_point.step(ahead, saturated));
+        let filtered = step_both(&mut self.sensor, &mut self.set_point, reading, ahead, &mut self.counters.saturated_values);
         self.filters = !self.set_point.is_off() || !self.sensor.is_off();
         filtered
     }

@@ -56,23 +56,26 @@ pub enum Place {
 
 /// A section with its past.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 struct Section {
     row: SectionRow,
-    /// What made the last output, where the integers have changed since.
-    before: Option<SectionRow>,
-    /// The past counts: the section was on at the last sample.
-    runs: bool,
     /// `x[k-1], x[k-2], y[k-1], y[k-2]`.
     past: [i32; 4],
     remainder: u32,
+    /// On, the past counts, the integers are those of the last output, and nothing is added to it.
+    settled: bool,
+    /// The past counts: the section was on at the last sample.
+    runs: bool,
     offset: i32,
+    /// What made the last output, where the integers have changed since.
+    before: Option<SectionRow>,
 }
 
 impl Section {
-    const OFF: Self = Self { row: PASSES, before: None, runs: false, past: [0; 4], remainder: 0, offset: 0 };
+    const OFF: Self = Self { row: PASSES, past: [0; 4], remainder: 0, settled: false, runs: false, offset: 0, before: None };
 
     /// The section's own output, before the offset, and what its shift cuts off.
-    #[inline]
+    #[inline(always)]
     fn own(&self, row: &SectionRow, sample: i32, saturated: &mut u32) -> (i32, u32) {
         let [x1, x2, y1, y2] = self.past;
         let total = row.sum_from(i64::from(self.remainder), &[sample, x1, x2, y1, y2]);
@@ -80,33 +83,52 @@ impl Section {
         (saturate_shifted::<SECTION_FRACTION_BITS>(total, saturated), cut)
     }
 
-    // Not inlined: six copies would not fit the memory of the control interrupt's code on the smaller board.
-    #[inline(never)]
+    /// The next output of a section that is settled.
+    #[inline(always)]
     fn step(&mut self, sample: i32, saturated: &mut u32) -> i32 {
-        if !self.runs || self.before.is_some() {
-            self.take_over(sample, saturated);
-        }
-        let [x1, _, y1, _] = self.past;
         let (own, cut) = self.own(&self.row, sample, saturated);
+        let [x1, _, y1, _] = self.past;
         self.past = [sample, x1, own, y1];
         self.remainder = cut;
+        own
+    }
+
+    /// The next output of one that is not. It is over when the offset has gone.
+    #[inline(always)]
+    fn step_over(&mut self, sample: i32, saturated: &mut u32) -> i32 {
+        let own = if self.before.is_some() || !self.runs { self.begin(sample, saturated) } else { self.step(sample, saturated) };
         let output = own.saturating_add(self.offset);
         // Towards zero, ending there.
         self.offset -= (self.offset >> OFFSET_DECAY_SHIFT) + i32::from(self.offset > 0);
+        self.settled = self.offset == 0;
         output
     }
 
-    /// Begins at rest at the sample; the offset takes up what the old integers make of it.
-    #[cold]
-    #[inline(never)]
-    fn take_over(&mut self, sample: i32, saturated: &mut u32) {
+    /// Begins at rest at the sample, which passes to the last bit; the offset takes up what the old integers
+    /// make of it.
+    #[inline(always)]
+    fn begin(&mut self, sample: i32, saturated: &mut u32) -> i32 {
         if self.runs
             && let Some(before) = self.before
         {
             let (was, _) = self.own(&before, sample, saturated);
             self.offset = self.offset.saturating_add(was.saturating_sub(sample));
         }
-        *self = Self { row: self.row, before: None, runs: true, past: [sample; 4], remainder: 0, offset: self.offset };
+        (self.past, self.remainder, self.runs, self.before) = ([sample; 4], 0, true, None);
+        sample
+    }
+
+    /// Takes other integers at the next sample.
+    fn set(&mut self, row: &SectionRow) {
+        // Several changes between two ticks: the last output was made by the oldest one.
+        self.before.get_or_insert(self.row);
+        self.row = *row;
+        self.settled = false;
+    }
+
+    /// Begins anew at the next sample.
+    fn restart(&mut self) {
+        (self.before, self.runs, self.offset, self.settled) = (None, false, 0, false);
     }
 }
 
@@ -134,8 +156,7 @@ impl SignalFilter {
     #[inline(never)]
     pub fn restart(&mut self) {
         for (nth, section) in self.sections.iter_mut().enumerate() {
-            // The past begins anew where a section does not run.
-            (section.before, section.runs, section.offset) = (None, false, 0);
+            section.restart();
             if section.row == PASSES {
                 self.on &= !(1 << nth);
             }
@@ -146,9 +167,7 @@ impl SignalFilter {
     /// between ticks.
     pub fn set(&mut self, place: Place, row: &SectionRow) {
         if let Some(section) = self.sections.get_mut(place as usize) {
-            // Several changes between two ticks: the last output was made by the oldest one.
-            section.before.get_or_insert(section.row);
-            section.row = *row;
+            section.set(row);
             self.on |= 1 << place as usize;
         }
     }
@@ -156,23 +175,36 @@ impl SignalFilter {
     /// The next sample.
     #[inline(always)]
     pub fn step(&mut self, sample: i32, saturated: &mut u32) -> i32 {
-        if self.on == 0 { sample } else { self.through(sample, saturated) }
-    }
-
-    #[inline(never)]
-    fn through(&mut self, sample: i32, saturated: &mut u32) -> i32 {
         let mut signal = sample;
-        for (nth, section) in self.sections.iter_mut().enumerate() {
-            if self.on >> nth & 1 == 1 {
-                signal = section.step(signal, saturated);
-                if section.offset == 0 && section.row == PASSES {
-                    section.runs = false;
-                    self.on &= !(1 << nth);
-                }
+        for nth in 0..SECTIONS {
+            match self.sections.get_mut(nth) {
+                Some(section) if section.settled => signal = section.step(signal, saturated),
+                Some(_) if self.on >> nth & 1 == 1 => signal = self.step_over(nth, signal, saturated),
+                _ => {}
             }
         }
         signal
     }
+
+    /// The next output of a section that is not settled; one that passes everything is then off.
+    #[cold]
+    #[inline(never)]
+    fn step_over(&mut self, nth: usize, sample: i32, saturated: &mut u32) -> i32 {
+        let Some(section) = self.sections.get_mut(nth) else { return sample };
+        let output = section.step_over(sample, saturated);
+        if section.settled && section.row == PASSES {
+            section.restart();
+            self.on &= !(1 << nth);
+        }
+        output
+    }
+}
+
+/// The next samples of two signals, each through its filter.
+// Not inlined: an instruction reaches the sections from the filters' own addresses only.
+#[inline(never)]
+pub(crate) fn step_both(a: &mut SignalFilter, b: &mut SignalFilter, of_a: i32, of_b: i32, saturated: &mut u32) -> (i32, i32) {
+    (a.step(of_a, saturated), b.step(of_b, saturated))
 }
 
 #[cfg(test)]

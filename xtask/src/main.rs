@@ -51,7 +51,7 @@ cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long li
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
-cargo xtask ablate [--sample N] [RULE..] what each rule of the finder buys on the planted and altered sets; benchmarks/results/ablation.csv
+cargo xtask ablate [--sample N] [RULE..] what each rule of the finder buys on planted cases, pairs and altered recordings; benchmarks/results/ablation.csv
 cargo xtask readme     writes the table of effects in docs/reference/list_of_effects.md, and that of formats in docs/reference/formats.md
 cargo xtask tables     writes the tables of docs/ that come from benchmarks/results
 cargo xtask public-items writes the list of what the library shows, lab/library/public_items.txt (after `host`)";

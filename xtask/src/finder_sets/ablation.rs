@@ -1,12 +1,13 @@
 //! `cargo xtask ablate`: what each rule of the decision buys.
 //!
 //! Every rule is a threshold of `Policy`. It is set to the value at which it decides nothing, and the planted
-//! and the altered sets run again. A rule whose row equals that of the method buys nothing on these sets.
+//! cases, the pairs and the altered recordings run again. A rule whose row equals that of the method buys nothing on these sets.
 
 use super::results::Results;
-use super::{Context, SETS, run_set};
+use super::{Context, SETS, option_of, run_set};
 use crate::steps::{built, root};
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 /// Rules with the value at which each decides nothing.
 const RULES: [(&str, &str); 20] = [
@@ -31,25 +32,21 @@ const RULES: [(&str, &str); 20] = [
     ("floor_z", "0.0"),
     ("contradiction", "0.0"),
 ];
-const OF: [&str; 2] = ["planted", "altered"];
+const OF: [&str; 3] = ["planted", "pairs", "altered"];
 const TABLE: &str = "benchmarks/results/ablation.csv";
 
 /// Runs the sets, whole or some cases of each, without each of these rules, or without each of all.
 pub fn run(arguments: &[String]) -> Result<(), String> {
     let mut asked = arguments.to_vec();
-    let sample = match asked.iter().position(|a| a == "--sample") {
-        Some(at) if at + 1 < asked.len() => {
-            let text = asked.drain(at..at + 2).next_back().unwrap_or_default();
-            Some(text.parse().map_err(|_| format!("--sample {text}: expected a whole number"))?)
-        }
-        Some(_) => return Err("--sample: expected a whole number".into()),
-        None => None,
-    };
+    let mut option = |name: &str| option_of(&mut asked, name);
+    let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
+    let number = |text: String| text.parse().map_err(|_| format!("--sample {text}: expected a whole number"));
+    let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
     if let Some(unknown) = asked.iter().find(|name| RULES.iter().all(|(rule, _)| rule != *name)) {
         return Err(format!("{unknown}: expected some of {}", RULES.map(|(rule, _)| rule).join(", ")));
     }
     let folder = root().join("target/finder_sets");
-    let mut context = Context { program: built("hysteron"), label: "ablation".into(), folder: folder.clone(), policy: None };
+    let mut context = Context { program, label: "ablation".into(), folder: folder.clone(), policy: None };
     if !context.program.exists() {
         return Err(format!("{}: is not there; cargo build --release -p hysteron-cli", context.program.display()));
     }

@@ -93,16 +93,19 @@ fn spread<T>(mut all: Vec<T>, most: Option<usize>) -> Vec<T> {
     all
 }
 
+/// The value of an option, which is taken out of the arguments.
+fn option_of(arguments: &mut Vec<String>, name: &str) -> Result<Option<String>, String> {
+    let Some(at) = arguments.iter().position(|a| a == name) else { return Ok(None) };
+    if at + 1 == arguments.len() {
+        return Err(format!("{name} expects a value"));
+    }
+    Ok(arguments.drain(at..at + 2).next_back())
+}
+
 /// Runs what the arguments ask for and prints the table.
 pub fn run(arguments: &[String]) -> Result<(), String> {
     let mut asked = arguments.to_vec();
-    let mut option = |name: &str| -> Result<Option<String>, String> {
-        let Some(at) = asked.iter().position(|a| a == name) else { return Ok(None) };
-        if at + 1 == asked.len() {
-            return Err(format!("{name} expects a value"));
-        }
-        Ok(asked.drain(at..at + 2).next_back())
-    };
+    let mut option = |name: &str| option_of(&mut asked, name);
     let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
     let label = option("--label")?.unwrap_or_else(|| "new".into());
     let number = |text: String| text.parse().map_err(|_| format!("--sample {text}: expected a whole number"));
