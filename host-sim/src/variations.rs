@@ -28,6 +28,14 @@ pub struct Variation {
     pub differs: String,
 }
 
+impl Variation {
+    /// Whether the effect that differs is an expression of the user's own.
+    #[must_use]
+    pub fn is_defined_by_user(&self) -> bool {
+        self.model.effects.iter().any(|instance| instance.id == self.differs && instance.effect.definition().is_some())
+    }
+}
+
 /// What a walk has reached: samples `from..from + reading_um.len()`.
 pub struct Chunk<'a> {
     /// The first sample.

@@ -155,6 +155,7 @@ struct Scratch {
 impl Scratch {
     fn new() -> Result<Self, String> {
         let folder = root().join("target/mutation");
+        fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
         for source in SOURCES {
             copy(&root().join(source), &folder.join(source)).map_err(|error| format!("{source}: {error}"))?;
         }

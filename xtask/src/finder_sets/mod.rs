@@ -2,7 +2,7 @@
 //! each other.
 //!
 //! ```text
-//! cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET ...]
+//! cargo xtask finder-sets [--program PATH] [--policy FILE] [--label NAME] [--sample N] [--table] [SET ...]
 //! ```
 //!
 //! Every case is one run of a built `hysteron`. A run appends its row to
@@ -110,12 +110,13 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     let label = option("--label")?.unwrap_or_else(|| "new".into());
     let number = |text: String| text.parse().map_err(|_| format!("--sample {text}: expected a whole number"));
     let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
+    let policy = option("--policy")?.map(PathBuf::from);
     let write_to = option("--write-altered")?;
     let only_table = asked.iter().position(|a| a == "--table").map(|at| asked.remove(at)).is_some();
     if let Some(unknown) = asked.iter().find(|name| SETS.iter().all(|set| set.name != **name)) {
         return Err(format!("{unknown}: expected some of {}", SETS.map(|set| set.name).join(", ")));
     }
-    let context = Context { program, label, folder: root().join("target/finder_sets"), policy: None };
+    let context = Context { program, label, folder: root().join("target/finder_sets"), policy };
     if let Some(folder) = write_to {
         return altered::write_all(&context, Path::new(&folder));
     }

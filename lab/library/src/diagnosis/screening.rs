@@ -534,11 +534,15 @@ fn columns_of_record(
         match column {
             Column::Variation(v) => {
                 let signature = &walked[*v] - &base;
-                if let Some(row) = signature.iter().position(|y| !y.is_finite()) {
-                    let sample = samples.iter().nth(row).unwrap_or(0) + 1;
-                    return Err(Error::NotFinite { effect: variations[*v].differs.clone(), record: record.name.clone(), sample });
+                match signature.iter().position(|y| !y.is_finite()) {
+                    None => out.set_column(c, &signature),
+                    Some(row) if variations[*v].is_defined_by_user() => {
+                        let sample = samples.iter().nth(row).unwrap_or(0) + 1;
+                        return Err(Error::NotFinite { effect: variations[*v].differs.clone(), record: record.name.clone(), sample });
+                    }
+                    // Beside this model it makes the stage unstable from there: no signature, and no candidate.
+                    Some(_) => {}
                 }
-                out.set_column(c, &signature);
             }
             Column::Function { record: of, decay_per_s, frequency_rad_s, in_phase } if *of == at => {
                 let motion = FreeMotion { decay_per_s: *decay_per_s, frequency_rad_s: *frequency_rad_s };
@@ -850,5 +854,31 @@ mod tests {
         }
         // 30 of 300 expected, standard deviation 5.2.
         assert!((14..=46).contains(&below), "{below} of {repeats}");
+    }
+
+    /// A candidate beside which the stage runs away is none; it does not end the search for the others.
+    #[test]
+    fn what_gives_no_number_has_no_signature() {
+        let drive_v: Vec<f64> = (0..500).map(|k| 50.0 - 50.0 * (0.04 * f64::from(k)).cos()).collect();
+        let read_um = drive_v.iter().map(|v| 0.1 * v).collect();
+        let dataset = Dataset::new("d", 0.0, 100.0, vec![Record::new("a", 1000.0, drive_v, read_um)]).unwrap();
+        let overview = dataset.overview();
+        let model = Model::new(0.0, 100.0);
+        let bent = crate::model_file::effects_named("sensor_nonlinearity").unwrap().remove(0);
+        let starts = bent.starts(&overview);
+        let with = |start: &[f64]| {
+            let mut with = model.clone();
+            with.add(EffectInstance::new(bent.clone(), &overview, start));
+            Variation { model: with, differs: bent.declaration().id }
+        };
+        let variations = [with(&starts[0]), with(&vec![f64::NAN; starts[0].len()])];
+        let rows = Rows::strided(&dataset, &[0], 3);
+        let (record, samples) = (&dataset.records[0], &rows.records[0].1);
+        let reading = model.simulate(&record.drive());
+        assert!(variations[1].model.simulate(&record.drive()).iter().any(|y| !y.is_finite()));
+        let columns = [Column::Variation(0), Column::Variation(1)];
+        let signatures = columns_of_record(&model, record, samples, &variations, &columns, 0, &reading).unwrap();
+        assert!(signatures.column(0).norm() > 0.0 && signatures.column(0).iter().all(|y| y.is_finite()));
+        assert_eq!(signatures.column(1).norm(), 0.0);
     }
 }
