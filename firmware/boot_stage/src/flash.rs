@@ -2,11 +2,11 @@
 //! bytes may have started with the supply, is fed meanwhile.
 
 use hysteron_core::firmware_update::{UpdateFlash, WORD_BYTES, Word};
-use stm32_metapac::flash::Bank;
+pub use stm32_metapac::flash::Bank;
 use stm32_metapac::iwdg::vals::Key;
 use stm32_metapac::{FLASH, IWDG1};
 
-use crate::flash_read;
+use crate::{flash_end, flash_read};
 
 const FLASH_BEGIN: u32 = 0x0800_0000;
 const BANK_BYTES: u32 = 1 << 20;
@@ -35,18 +35,8 @@ fn bank(address: u32) -> Bank {
 fn finished(bank: Bank) -> bool {
     for _ in 0..MOST_LOOKS {
         feed_watchdog();
-        let status = bank.sr().read();
-        if !status.qw() && !status.bsy() {
-            let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
-            bank.ccr().write(|w| {
-                w.set_clr_eop(true);
-                w.set_clr_wrperr(true);
-                w.set_clr_pgserr(true);
-                w.set_clr_strberr(true);
-                w.set_clr_incerr(true);
-                w.set_clr_operr(true);
-            });
-            return !failed;
+        if let Some(succeeded) = flash_end::succeeded(bank) {
+            return succeeded;
         }
         cortex_m::asm::delay(BETWEEN_LOOKS_CYCLES);
     }

@@ -6,6 +6,7 @@
 
 use embassy_futures::yield_now;
 use embassy_stm32::pac::FLASH;
+pub use embassy_stm32::pac::flash::Bank;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use hysteron_core::firmware_update::Word;
@@ -33,18 +34,8 @@ static BANK: Mutex<ThreadModeRawMutex, ()> = Mutex::new(());
 async fn finished() -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
     for turn in 0..TURNS + MOST_WAITS {
-        let status = bank.sr().read();
-        if !status.qw() && !status.bsy() {
-            let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
-            bank.ccr().write(|w| {
-                w.set_clr_eop(true);
-                w.set_clr_wrperr(true);
-                w.set_clr_pgserr(true);
-                w.set_clr_strberr(true);
-                w.set_clr_incerr(true);
-                w.set_clr_operr(true);
-            });
-            return if failed { Err("the flash refused it") } else { Ok(()) };
+        if let Some(succeeded) = super::flash_end::succeeded(bank) {
+            return if succeeded { Ok(()) } else { Err("the flash refused it") };
         }
         if turn < TURNS { yield_now().await } else { task_clock::next().await }
     }

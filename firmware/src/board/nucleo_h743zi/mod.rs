@@ -5,6 +5,7 @@
 //! monitor have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
 pub mod flash;
+mod flash_end;
 #[cfg(feature = "on-chip-converters")]
 mod on_chip_converters;
 mod option_bytes;
