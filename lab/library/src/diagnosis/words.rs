@@ -8,7 +8,7 @@ use crate::dataset::reading_grid::rounding_noise;
 use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
-use crate::quality::{self, Reason};
+use crate::quality::{self, Issue, Reason};
 use hysteron_sim::effect::delay;
 
 /// Nanometres with three figures.
@@ -363,11 +363,19 @@ impl<'a> Said<'a> {
         format!(" The loops are {end}{as_well}.")
     }
 
-    /// What the model shows about the recording; what the readings show by themselves stands in the data
-    /// set's own remarks.
+    /// What the model shows about the recording, each kind once; what the readings show by themselves stands
+    /// in the data set's own remarks.
     fn issues(&self, dataset: &Dataset) -> String {
-        let issues = self.diagnosis.issues.iter().filter(|issue| !dataset.issues.contains(issue));
-        issues.map(|i| format!(" {}.", quality::words::sentence(i))).collect()
+        let issues: Vec<&Issue> = self.diagnosis.issues.iter().filter(|issue| !dataset.issues.contains(issue)).collect();
+        let kind = |issue: &Issue| std::mem::discriminant(&issue.kind);
+        let told = issues.iter().enumerate().filter(|(at, issue)| issues[..*at].iter().all(|before| kind(before) != kind(issue)));
+        let in_words = |(at, issue): (usize, &&Issue)| {
+            let others = issues[at + 1..].iter().filter(|other| kind(other) == kind(issue));
+            let records: Vec<String> = others.filter_map(|other| other.record.clone()).collect();
+            let same = if records.is_empty() { String::new() } else { format!(" The same in {}.", records.join(", ")) };
+            format!(" {}.{same}", quality::words::sentence(issue))
+        };
+        told.map(in_words).collect()
     }
 }
 

@@ -301,6 +301,8 @@ pub enum IssueKind {
     RememberedHistory {
         /// Until this time from the first sample, s.
         until_s: f64,
+        /// How long the record goes on then, s.
+        left_s: f64,
     },
     /// A loop was closed while recording.
     ClosedLoop {

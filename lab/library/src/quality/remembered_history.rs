@@ -14,10 +14,10 @@ const AT_AN_END: f64 = 0.02;
 /// Share of a window in which loops still remember what was before the record that is worth a word.
 const REMEMBERED: f64 = 0.1;
 
-/// When the drive of a record has first been through its whole range, in s from its first sample, where the
-/// record begins inside that range in a state that nobody knows and much of its window comes before: until
-/// then its loops remember what no sample shows (wiping out, thesis Ch. 4).
-fn remembers_until_s(record: &Record) -> Option<f64> {
+/// When the drive of a record has first been through its whole range, in s from its first sample, and how
+/// long the record goes on then, where it begins inside that range in a state that nobody knows and much of
+/// its window comes before: until then its loops remember what no sample shows (wiping out, thesis Ch. 4).
+fn remembers_until_s(record: &Record) -> Option<[f64; 2]> {
     let (low, high) = extremes(&record.drive_v);
     let near = AT_AN_END * (high - low);
     let (bottom, top) = (low + near, high - near);
@@ -27,7 +27,7 @@ fn remembers_until_s(record: &Record) -> Option<f64> {
     let first = |there: &dyn Fn(f64) -> bool| record.drive_v.iter().position(|v| there(*v));
     let swept = first(&|v| v <= bottom)?.max(first(&|v| v >= top)?);
     let remembered = swept.saturating_sub(record.window.start) as f64;
-    (remembered > REMEMBERED * record.window.len() as f64).then(|| swept as f64 * record.dt_s())
+    (remembered > REMEMBERED * record.window.len() as f64).then(|| [swept, record.window.end.saturating_sub(swept)].map(|samples| samples as f64 * record.dt_s()))
 }
 
 /// Examines every record that is fitted or judges, where a model with loops stays above the noise.
@@ -38,8 +38,8 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     }
     let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);
     let issue = |record: &Record| {
-        let until_s = remembers_until_s(record)?;
-        Some(Issue::of(&record.name, Severity::Notes, IssueKind::RememberedHistory { until_s }))
+        let [until_s, left_s] = remembers_until_s(record)?;
+        Some(Issue::of(&record.name, Severity::Notes, IssueKind::RememberedHistory { until_s, left_s }))
     };
     subject.dataset.records.iter().filter(judges).filter_map(issue).collect()
 }
@@ -62,8 +62,8 @@ mod tests {
         };
         let (unknown, virgin) = (InitialState::Unknown, InitialState::Virgin);
         let growing = [5.0, 6.0, 4.0, 8.0, 2.0, 10.0, 0.0, 5.0];
-        let until_s = remembers_until_s(&record(&growing, unknown)).unwrap();
-        assert!((0.59..0.6).contains(&until_s), "{until_s}");
+        let [until_s, left_s] = remembers_until_s(&record(&growing, unknown)).unwrap();
+        assert!((0.59..0.6).contains(&until_s) && (until_s + left_s - 0.7).abs() < 1e-9, "{until_s} {left_s}");
         // From an end, from a state that is known, behind a sweep.
         assert_eq!(remembers_until_s(&record(&[0.0, 6.0, 4.0, 8.0, 2.0, 10.0], unknown)), None);
         assert_eq!(remembers_until_s(&record(&growing, virgin)), None);

@@ -96,9 +96,10 @@ pub(super) fn of_kind(kind: &IssueKind) -> String {
             nm(*specified_um),
             nm(*fitted_um)
         ),
-        IssueKind::RememberedHistory { until_s } => format!(
+        IssueKind::RememberedHistory { until_s, left_s } => format!(
             "the record begins inside the range of its drive in an unknown state and has been through all of it after {until_s:.3} s. Until then its \
-             loops remember what no sample shows. Begin with a cycle over the whole range, or leave that time out (from_s)"
+             loops remember what no sample shows. Begin with a cycle over the whole range{}",
+            if left_s > until_s { ", or leave that time out (from_s)" } else { "" }
         ),
         IssueKind::ClosedLoop { later_samples, correlation, by_chance } => {
             let later = match later_samples {

@@ -133,6 +133,7 @@ pub fn gains_in_words(
 ) -> Vec<String> {
     let ControllerGains { m, p, i, d } = *controller;
     let reached = match reaching {
+        ReachingGains::Pid if d == 0.0 => format!("P_c = {p:.3e} V s/um, I_c = {i:.3} V/um, D_c = 0 (it would only rescale the others)"),
         ReachingGains::Pid => format!("P_c = {p:.3e} V s/um, I_c = {i:.3} V/um, D_c = {d:.1e} V s^2/um"),
         ReachingGains::Switching { eta_v } => format!("eta = {eta_v:.2} V"),
         ReachingGains::BoundaryLayer { eta_v, delta_um_s } => format!("eta = {eta_v:.2} V, delta = {delta_um_s:.0} um/s"),

@@ -27,7 +27,7 @@ use serde::Serialize;
 
 /// The schemes that `check --scheme` and `track --scheme` take besides the one of the design, by name, with
 /// what each is.
-pub const SCHEMES: [(&str, &str); 18] = [
+pub const SCHEMES: [(&str, &str); 19] = [
     ("predictor", "Kalman observer one period ahead, hysteresis inverted: the default"),
     ("predictor-learning", "predictor that learns the correction of a periodic reference"),
     ("predictor-adaptive", "predictor that corrects the gain of its model slowly, within 20 %"),
@@ -41,7 +41,8 @@ pub const SCHEMES: [(&str, &str); 18] = [
     ("pidsmc-alpha-beta-linear", "the same without the inverse"),
     ("smcbl", "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays"),
     ("smcbl-linear", "the same without the inverse"),
-    ("pid", "PID on the error alone, no model"),
+    ("pid", "PID on the error beside a feedforward, hysteresis inverted"),
+    ("pid-linear", "PID on the error alone, no model"),
     ("feedforward", "inverse of hysteresis, dynamics and creep, no feedback at all"),
     ("feedforward-without-creep", "the same, creep not undone"),
     ("feedforward-pi", "feedforward with a PI on the error"),
@@ -509,8 +510,7 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
             (Scheme::DisturbanceObserver { gains, hysteresis_inverse: name == "disturbance-observer-inverse" }, true)
         }
         _ => {
-            // PID by itself: with the hysteresis inverted it is `feedforward-pi`.
-            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != SchemeChoice::Pid.name()), |family| (family, false));
+            let (family, inverse) = name.strip_suffix("-linear").map_or((name, true), |family| (family, false));
             let choice = SchemeChoice::named(family)
                 .map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.map(|(name, _)| name).join(", ")))?;
             (order::scheme_without_recording(design, choice, inverse)?, true)
