@@ -2,6 +2,7 @@
 //! and built from the packed files alone.
 
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde::Deserialize;
@@ -156,7 +157,31 @@ pub fn check() -> Result<(), String> {
     manifests()?;
     let here = workspace(".")?;
     let order = in_order(&here.packages)?;
+    forget_packed_before()?;
     let mut arguments = vec!["package", "--quiet", "--locked", "--allow-dirty"];
     order.iter().for_each(|package| arguments.extend(["--package", package.name.as_str()]));
     cargo(&arguments, &root(), &[])
+}
+
+/// Cargo keeps what it unpacks and builds of a packed file under its version. Packed again with the same
+/// version, the files of the last time would be built.
+fn forget_packed_before() -> Result<(), String> {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| std::env::home_dir().map(|home| home.join(".cargo")));
+    let registries = ["src", "cache", "index"].into_iter().filter_map(|part| Some(home.as_ref()?.join("registry").join(part)));
+    // The registry of packed files has no host, and its folders begin with the hyphen behind that.
+    let unpacked = registries.flat_map(|folder| begin_with(&folder, "-"));
+    let built = begin_with(&root().join("target/debug/.fingerprint"), "hysteron");
+    for path in unpacked.chain(built) {
+        let removed = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        removed.map_err(|error| format!("{}: {error}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// What a folder holds whose name begins so; nothing where there is no such folder.
+fn begin_with(folder: &Path, beginning: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_so = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(beginning));
+    entries.filter(is_so).collect()
 }

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 /// Rules with the value at which each decides nothing.
-const RULES: [(&str, &str); 20] = [
+const RULES: [(&str, &str); 19] = [
     ("promises_nothing", "1.0"),
     ("seen_in_the_noise", "1e9"),
     ("gain_per_effect", "0.0"),
@@ -28,7 +28,6 @@ const RULES: [(&str, &str); 20] = [
     ("beyond_chance", "0.0"),
     ("rounds_without_gain_far_above", "1"),
     ("guesses", "1"),
-    ("prior_guesses", "1"),
     ("floor_z", "0.0"),
     ("contradiction", "0.0"),
 ];

@@ -87,14 +87,13 @@ pub struct Policy {
     pub rival_similarity: f64,
     /// Initial guesses from which the most promising effects are begun.
     pub guesses: usize,
-    /// The same beside a prior model, where a fit has a few values only.
-    pub prior_guesses: usize,
     /// Moves of a simple explanation beside a prior model, at most.
     pub story_max: usize,
     /// A value that moves by less than this share has not changed.
     pub same_value: f64,
     /// An extension whose merit is worse by this much than that of what it extends is not tried again beside
-    /// other loops.
+    /// other loops. Without this and the next limit three of four altered recordings end higher from a gain,
+    /// in 2.4 times the time.
     pub hopeless: f64,
     /// Effects that are proposed alone beside a model, at most.
     pub singles: usize,
@@ -168,7 +167,6 @@ impl Default for Policy {
             rivals: 3,
             rival_similarity: 0.6,
             guesses: 2,
-            prior_guesses: 3,
             story_max: 3,
             same_value: 0.01,
             hopeless: 0.2,

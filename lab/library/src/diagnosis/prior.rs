@@ -104,7 +104,7 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
     let screening = study.score_each(&holding(model, |_, _| true), &candidates)?;
     let mut trials: Vec<(Move, Model)> = Vec::new();
     for score in &screening.scores {
-        let guesses = if score.effect.starts_combine() { 1 } else { study.policy.prior_guesses };
+        let guesses = if score.effect.starts_combine() { 1 } else { study.policy.guesses };
         let begun = score.starts.iter().take(guesses).map(|start| study.with(model, &[(score.effect.clone(), start.clone())]));
         trials.extend(begun.map(|begin| (Move::Added(score.id.clone()), begin)));
     }
