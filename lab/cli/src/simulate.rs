@@ -79,6 +79,9 @@ fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
     let samples = |seconds: f64| (seconds * rate_hz) as usize;
     let time = |k: usize| k as f64 / rate_hz;
     match (kind, &numbers[..]) {
+        ("sine", [hz, _, _, _]) if *hz >= 0.5 * rate_hz => {
+            Err(Error::new("--drive", format!("`{text}` has {hz} Hz; expected less than half of --rate-hz {rate_hz}")))
+        }
         ("sine", [hz, amplitude, offset, seconds]) if *hz > 0.0 => {
             Ok((0..samples(*seconds)).map(|k| offset + amplitude * (std::f64::consts::TAU * hz * time(k)).sin()).collect())
         }

@@ -99,10 +99,15 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
             format!("{id} is in the model already; to fit it again beside the others: hysteron identify DATASET --effects {all}"),
         ));
     }
-    if id == gain::ID
-        && let Some(loops) = main_effect(&model)
+    if effect.declaration().is_main()
+        && let Some(loops) = main_effect(&model).filter(|loops| loops.id != gain::ID)
     {
-        return Err(Error::new("effect", format!("gain would take the place of {}, which has a gain of its own", loops.id)));
+        let others = model.effect_ids().into_iter().filter(|other| *other != loops.id);
+        let all = std::iter::once(id.clone()).chain(others).collect::<Vec<_>>().join(",");
+        return Err(Error::new(
+            "effect",
+            format!("{id} would take the place of {}; to fit it instead: hysteron identify DATASET --effects {all}", loops.id),
+        ));
     }
     require_shown(std::slice::from_ref(effect), dataset)?;
     let floor = noise_floor(dataset);

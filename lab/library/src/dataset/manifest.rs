@@ -204,6 +204,11 @@ impl Manifest {
     /// Names line, key and the nearest known key.
     pub fn parse(text: &str, place: &str) -> Result<Self> {
         if let Ok(table) = toml::from_str::<toml::Table>(text) {
+            if let Some(schema) = table.get("schema").and_then(toml::Value::as_str) {
+                let message =
+                    format!("is a file of schema {schema}, not a data set; expected a dataset.toml with [[record]], or recordings");
+                return Err(Error::new(place, message));
+            }
             let missing = missing_keys(&table);
             if !missing.is_empty() {
                 return Err(Error::new(place, format!("misses {}", missing.join("; "))));

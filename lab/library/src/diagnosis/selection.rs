@@ -71,6 +71,8 @@ pub enum Fate {
 struct Scale {
     /// Weight of each record in the whole.
     weights: Vec<f64>,
+    /// Which records are held out.
+    held_out: Vec<bool>,
     /// Mean square of the best model on each record, um^2, not below its noise.
     unit_um2: Vec<f64>,
     /// Differences below this many units do not matter, by record.
@@ -114,7 +116,8 @@ impl Scale {
                 (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains).max(policy.matters_at_noise)
             })
             .collect();
-        Self { weights: both.iter().map(weight).collect(), unit_um2, margin }
+        let is_held_out = |i: &usize| !study.split.identify.contains(i);
+        Self { weights: both.iter().map(weight).collect(), held_out: both.iter().map(is_held_out).collect(), unit_um2, margin }
     }
 }
 
@@ -124,6 +127,8 @@ struct Compared {
     means: Vec<Vec<f64>>,
     /// The same of each resample.
     resampled: Vec<Vec<Vec<f64>>>,
+    /// The weighted mean of the held-out records, by model.
+    held_out: Vec<f64>,
     margins: Vec<f64>,
 }
 
@@ -133,6 +138,7 @@ impl Compared {
         let mut random = Pcg64Mcg::seed_from_u64(policy.seed);
         let mut means = vec![vec![0.0; models]; records + 1];
         let mut resampled = vec![vec![vec![0.0; models]; RESAMPLES]; records + 1];
+        let mut held_out = vec![0.0; models];
         for r in 0..records {
             let count = losses[0].0[r].len();
             let drawn = draws(count, &mut random);
@@ -141,6 +147,7 @@ impl Compared {
             for m in 0..models {
                 means[r][m] = blocks.column(m).mean();
                 means[records][m] += scale.weights[r] * means[r][m];
+                held_out[m] += if scale.held_out[r] { scale.weights[r] * means[r][m] } else { 0.0 };
                 for t in 0..RESAMPLES {
                     resampled[r][t][m] = of_draws[(t, m)];
                     resampled[records][t][m] += scale.weights[r] * of_draws[(t, m)];
@@ -148,16 +155,18 @@ impl Compared {
             }
         }
         let all = scale.weights.iter().zip(&scale.margin).map(|(w, m)| w * m).sum();
-        Self { means, resampled, margins: scale.margin.iter().copied().chain([all]).collect() }
+        Self { means, resampled, held_out, margins: scale.margin.iter().copied().chain([all]).collect() }
     }
 
     /// By how many standard errors one model is worse than another beyond the margin, and the same of every
-    /// resample beside its own mean. On one record alone only a model counts as worse that is worse in all.
+    /// resample beside its own mean. On one record alone only a model counts as worse that is worse in all,
+    /// beside one that is not worse where it was not fitted.
     fn worse(&self, one: usize, other: usize, policy: &Policy) -> (f64, Vec<f64>) {
         let all = self.means.len() - 1;
         let mut most = f64::NEG_INFINITY;
         let mut by_chance = vec![f64::NEG_INFINITY; RESAMPLES];
         let in_all = self.means[all][one] - self.means[all][other];
+        let holds = self.held_out[other] <= (1.0 + policy.matters_at_noise) * self.held_out[one];
         // Of a few events, as of a ring behind each of some steps, resamples say little; an error that
         // doubles needs no test.
         let kept_share = 1.0 - policy.beyond_chance;
@@ -171,7 +180,7 @@ impl Compared {
             if error <= 0.0 {
                 continue;
             }
-            if k == all || in_all > 0.0 {
+            if k == all || (in_all > 0.0 && holds) {
                 most = most.max((by - self.margins[k]) / error);
             }
             by_chance.iter_mut().zip(resampled).for_each(|(m, d)| *m = m.max(d / error));
@@ -281,4 +290,24 @@ pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
         }
     }
     Selected { minimal: Vec::new(), rejected }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A model is not rejected on a record that was fitted beside one that does worse where it was not.
+    #[test]
+    fn what_a_fitted_record_shows_alone_must_hold_out() {
+        let scale =
+            Scale { weights: vec![1.0 / 3.0, 2.0 / 3.0], held_out: vec![false, true], unit_um2: vec![1.0; 2], margin: vec![1.0; 2] };
+        let blocks = |level: f64| (0..60).map(|b| level * (1.0 + 0.1 * f64::from(b % 7))).collect::<Vec<f64>>();
+        let without = Losses(vec![blocks(3.6), blocks(1.0)]);
+        let fates = |held_out: f64| {
+            let with = Losses(vec![blocks(1.0), blocks(held_out)]);
+            Compared::of(&scale, &[&without, &with], &Policy::default()).eliminated(&Policy::default())
+        };
+        assert!(matches!(fates(1.0)[..], [Fate::Rejected(_), Fate::Kept]));
+        assert_eq!(fates(1.1), [Fate::Kept; 2]);
+    }
 }

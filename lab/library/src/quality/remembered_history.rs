@@ -27,7 +27,8 @@ fn remembers_until_s(record: &Record) -> Option<[f64; 2]> {
     let first = |there: &dyn Fn(f64) -> bool| record.drive_v.iter().position(|v| there(*v));
     let swept = first(&|v| v <= bottom)?.max(first(&|v| v >= top)?);
     let remembered = swept.saturating_sub(record.window.start) as f64;
-    (remembered > REMEMBERED * record.window.len() as f64).then(|| [swept, record.window.end.saturating_sub(swept)].map(|samples| samples as f64 * record.dt_s()))
+    (remembered > REMEMBERED * record.window.len() as f64)
+        .then(|| [swept, record.window.end.saturating_sub(swept)].map(|samples| samples as f64 * record.dt_s()))
 }
 
 /// Examines every record that is fitted or judges, where a model with loops stays above the noise.

@@ -41,7 +41,7 @@ pub const SCHEMES: [(&str, &str); 19] = [
     ("pidsmc-alpha-beta-linear", "the same without the inverse"),
     ("smcbl", "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays"),
     ("smcbl-linear", "the same without the inverse"),
-    ("pid", "PID on the error beside a feedforward, hysteresis inverted"),
+    ("pid", "feedforward-pi, tuned as `design --scheme pid` does"),
     ("pid-linear", "PID on the error alone, no model"),
     ("feedforward", "inverse of hysteresis, dynamics and creep, no feedback at all"),
     ("feedforward-without-creep", "the same, creep not undone"),
@@ -519,7 +519,8 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     if learning && out.learning.is_none() {
         out.learning = Some(order::learning_without_recording(&out)?);
     }
-    Ok(out)
+    // What the design is already keeps its gains.
+    Ok(if out.scheme_name() == design.scheme_name() { design.clone() } else { out })
 }
 
 #[cfg(test)]

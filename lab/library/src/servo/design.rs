@@ -237,7 +237,7 @@ impl ServoDesign {
                 (_, ReachingGains::Switching { .. }) => "sliding-mode",
                 (_, ReachingGains::BoundaryLayer { .. }) => "boundary-layer",
             },
-            Scheme::Pid { .. } => "pid",
+            Scheme::Pid { .. } => "pid-linear",
             Scheme::Feedforward { gains, creep_inverse, .. } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => {
                 if *creep_inverse {
                     "feedforward"
