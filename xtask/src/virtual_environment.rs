@@ -20,6 +20,13 @@ pub fn see_to_python() -> Result<(), String> {
     if there() { Ok(()) } else { Err("needs Python 3.10 or newer with virtual environments: install python3-venv".into()) }
 }
 
+/// An interpreter that has NumPy: the machine's, or one of an environment of its own.
+pub fn with_numpy() -> Result<PathBuf, String> {
+    let machines = PathBuf::from("python3");
+    let there = Command::new(&machines).args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success());
+    if there { Ok(machines) } else { kept("python/numpy", &["numpy"]) }
+}
+
 /// Installs packages by their names, or what else `pip install` takes.
 pub fn install(python: &Path, packages: &[&str]) -> Result<(), String> {
     command(python, &[&["-m", "pip", "install", "--quiet", "--disable-pip-version-check"], packages].concat(), &root(), &[])

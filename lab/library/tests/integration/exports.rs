@@ -1,7 +1,8 @@
 //! Exports read what the program reads, to 1e-9 um: NumPy, Octave and C on the same drives; and a reader
 //! computes two models from docs/reference/effects.md alone.
 //!
-//! Needs python3 with NumPy, octave-cli and cc: `apt-get install python3-numpy octave gcc`.
+//! Needs python3 with NumPy (or another interpreter, named by `HYSTERON_PYTHON`), octave-cli and cc:
+//! `apt-get install python3-numpy octave gcc`.
 
 use hysteron::export::{Language, export};
 use hysteron::model_file::{own_effect, to_toml};
@@ -202,7 +203,8 @@ fn numpy_reads_what_the_program_reads() {
         }
     }
     std::fs::write(folder.path().join("run.py"), script).unwrap();
-    same("python", &run(folder.path(), "python3", &["run.py"]), &expected);
+    let python = std::env::var("HYSTERON_PYTHON").unwrap_or_else(|_| "python3".into());
+    same("python", &run(folder.path(), &python, &["run.py"]), &expected);
 }
 
 #[test]
