@@ -380,3 +380,22 @@ fn units_that_nobody_said_are_doubted() {
         assert!(said.contains(expected) && said.contains("in another unit?"), "{said}");
     }
 }
+
+#[test]
+fn what_would_be_another_question_than_was_asked_is_refused() {
+    let folder = folder_with_model();
+    let place = folder.path();
+    // A rate that does not show the sine; a model in the place of data; thresholds that are none.
+    let drive = ["--drive", "sine:15000:10:20:0.001", "--rate-hz", "20000", "--out", "y.csv"];
+    says(&[&["simulate", "m.toml"], &drive[..]].concat(), place, "expected less than half of --rate-hz 20000");
+    says(&["explain", "m.toml"], place, "is a file of schema hysteron.model/1, not a data set");
+    for policy in ["family_wise = 7", "matters_at_noise = -4", "seen_in_the_noise = nan"] {
+        std::fs::write(place.join("policy.toml"), policy).unwrap();
+        says(&["explain", ".", "--policy", "policy.toml"], place, "expected a number ");
+    }
+    // Loops that would go although nobody said so.
+    let fitted = hysteron(&["identify", ".", "--effects", "prandtl_ishlinskii", "--out", "loops.toml"], place);
+    assert!(fitted.status.success(), "{}", String::from_utf8_lossy(&fitted.stderr));
+    says(&["add", "bouc_wen", "loops.toml", ".", "--out", "m2.toml"], place, "would take the place of prandtl_ishlinskii");
+    assert!(!place.join("m2.toml").exists() && !place.join("y.csv").exists());
+}
