@@ -163,8 +163,8 @@ pub fn check() -> Result<(), String> {
     cargo(&arguments, &root(), &[])
 }
 
-/// Cargo keeps what it unpacks and builds of a packed file under its version. Packed again with the same
-/// version, the files of the last time would be built.
+/// Cargo keeps unpacked and built packages by their version. With the same version it would build the packed
+/// files of the last run.
 fn forget_packed_before() -> Result<(), String> {
     let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
     let home = home.or_else(|| std::env::home_dir().map(|home| home.join(".cargo")));

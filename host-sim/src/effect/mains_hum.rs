@@ -111,7 +111,7 @@ impl SearchHints for MainsHum {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let amplitude = 0.001 * overview.range_um;
         let mut out = Vec::new();
-        // Of less than a period a line is a trend.
+        // In less than a period a line looks like a trend.
         for frequency_hz in [50.0, 60.0].into_iter().filter(|hz| hz * overview.duration_s >= 1.0) {
             out.push(vec![frequency_hz, amplitude, 0.0]);
             out.push(vec![frequency_hz, 0.0, amplitude]);

@@ -1,7 +1,8 @@
 //! `cargo xtask ablate`: what each rule of the decision buys.
 //!
 //! Every rule is a threshold of `Policy`. It is set to the value at which it decides nothing, and the planted
-//! cases, the pairs and the altered recordings run again. A rule whose row equals that of the method buys nothing on these sets.
+//! cases, the pairs and the altered recordings run again. A rule whose row equals that of the method buys
+//! nothing on these sets.
 
 use super::results::Results;
 use super::{Context, SETS, option_of, run_set};

@@ -540,7 +540,7 @@ fn columns_of_record(
                         let sample = samples.iter().nth(row).unwrap_or(0) + 1;
                         return Err(Error::NotFinite { effect: variations[*v].differs.clone(), record: record.name.clone(), sample });
                     }
-                    // Beside this model it makes the stage unstable from there: no signature, and no candidate.
+                    // The stage is unstable with it: it explains nothing.
                     Some(_) => {}
                 }
             }
@@ -856,7 +856,7 @@ mod tests {
         assert!((14..=46).contains(&below), "{below} of {repeats}");
     }
 
-    /// A candidate beside which the stage runs away is none; it does not end the search for the others.
+    /// A candidate with which the stage is unstable explains nothing. The search goes on with the others.
     #[test]
     fn what_gives_no_number_has_no_signature() {
         let drive_v: Vec<f64> = (0..500).map(|k| 50.0 - 50.0 * (0.04 * f64::from(k)).cos()).collect();

@@ -159,8 +159,8 @@ impl Compared {
     }
 
     /// By how many standard errors one model is worse than another beyond the margin, and the same of every
-    /// resample beside its own mean. On one record alone only a model counts as worse that is worse in all,
-    /// beside one that is not worse where it was not fitted.
+    /// resample beside its own mean. On one record alone a model counts as worse only if it is also worse
+    /// on the mean of all, and the other is not worse on the held-out records.
     fn worse(&self, one: usize, other: usize, policy: &Policy) -> (f64, Vec<f64>) {
         let all = self.means.len() - 1;
         let mut most = f64::NEG_INFINITY;
@@ -296,7 +296,7 @@ pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
 mod tests {
     use super::*;
 
-    /// A model is not rejected on a record that was fitted beside one that does worse where it was not.
+    /// One fitted record rejects no model in favour of another that is worse on held-out records.
     #[test]
     fn what_a_fitted_record_shows_alone_must_hold_out() {
         let scale =
