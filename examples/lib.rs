@@ -2,7 +2,10 @@
 
 /// The files of `hidden_effect` by their names; its truth stays out.
 pub const HIDDEN_EFFECT: [(&str, &str); 10] = [
-    ("base_effects.txt", include_str!("hidden_effect/base_effects.txt")),
+    (
+        "base_effects.txt",
+        include_str!("hidden_effect/base_effects.txt"),
+    ),
     ("dataset.toml", include_str!("hidden_effect/dataset.toml")),
     ("hold.csv", include_str!("hidden_effect/hold.csv")),
     ("hold2.csv", include_str!("hidden_effect/hold2.csv")),
@@ -11,5 +14,8 @@ pub const HIDDEN_EFFECT: [(&str, &str); 10] = [
     ("sines.csv", include_str!("hidden_effect/sines.csv")),
     ("stair.csv", include_str!("hidden_effect/stair.csv")),
     ("stair2.csv", include_str!("hidden_effect/stair2.csv")),
-    ("validation.csv", include_str!("hidden_effect/validation.csv")),
+    (
+        "validation.csv",
+        include_str!("hidden_effect/validation.csv"),
+    ),
 ];

@@ -49,10 +49,21 @@ const USUAL_SAMPLE_RATE_HZ: u32 = 20_000;
 /// The sampling rate of the image, Hz. The NUCLEO-G474RE has 1,700 cycles in a period of 100 kHz and 3,400 in
 /// one of 50 kHz, and a tick may take 1,500 instructions; it has not run at all.
 fn sample_rate_hz(is_g474re: bool) -> Result<u32, String> {
-    let accepted: &[u32] = if is_g474re { &[USUAL_SAMPLE_RATE_HZ] } else { &[USUAL_SAMPLE_RATE_HZ, 50_000, 100_000] };
-    let Ok(text) = env::var(SAMPLE_RATE) else { return Ok(USUAL_SAMPLE_RATE_HZ) };
-    let rate_hz = text.parse().ok().filter(|rate_hz| accepted.contains(rate_hz));
-    rate_hz.ok_or_else(|| format!("{SAMPLE_RATE} = {text}: expected one of {accepted:?}, Hz, on this board"))
+    let accepted: &[u32] = if is_g474re {
+        &[USUAL_SAMPLE_RATE_HZ]
+    } else {
+        &[USUAL_SAMPLE_RATE_HZ, 50_000, 100_000]
+    };
+    let Ok(text) = env::var(SAMPLE_RATE) else {
+        return Ok(USUAL_SAMPLE_RATE_HZ);
+    };
+    let rate_hz = text
+        .parse()
+        .ok()
+        .filter(|rate_hz| accepted.contains(rate_hz));
+    rate_hz.ok_or_else(|| {
+        format!("{SAMPLE_RATE} = {text}: expected one of {accepted:?}, Hz, on this board")
+    })
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -62,14 +73,28 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let rate_hz = sample_rate_hz(is_g474re)?;
     println!("cargo:rustc-env={SAMPLE_RATE}={rate_hz}");
     println!("cargo:rerun-if-env-changed={SAMPLE_RATE}");
-    let board = if is_g474re { "src/board/nucleo_g474re/memory.x" } else { "../memory.x" };
+    let board = if is_g474re {
+        "src/board/nucleo_g474re/memory.x"
+    } else {
+        "../memory.x"
+    };
     let memory = Path::new(&root).join(board);
-    let text = fs::read_to_string(&memory).map_err(|error| format!("{}: {error}", memory.display()))?;
-    fs::write(Path::new(&out).join("memory.x"), text + SECTIONS + &format!("__sample_rate_hz = {rate_hz};\n"))?;
+    let text =
+        fs::read_to_string(&memory).map_err(|error| format!("{}: {error}", memory.display()))?;
+    fs::write(
+        Path::new(&out).join("memory.x"),
+        text + SECTIONS + &format!("__sample_rate_hz = {rate_hz};\n"),
+    )?;
     println!("cargo:rustc-link-search={out}");
     // target/<triple>/release, where cargo puts the image.
-    let beside_image = Path::new(&out).ancestors().nth(3).ok_or("no folder for the map")?;
-    println!("cargo:rustc-link-arg-bin=hysteron-firmware=-Map={}", beside_image.join("hysteron-firmware.map").display());
+    let beside_image = Path::new(&out)
+        .ancestors()
+        .nth(3)
+        .ok_or("no folder for the map")?;
+    println!(
+        "cargo:rustc-link-arg-bin=hysteron-firmware=-Map={}",
+        beside_image.join("hysteron-firmware.map").display()
+    );
     println!("cargo:rerun-if-changed={board}");
     println!("cargo:rerun-if-changed=build.rs");
     Ok(())

@@ -65,7 +65,8 @@ pub const REST_BEFORE_TICKS: u32 = 4096;
 
 /// Tones of an identification: phase increment and share of the range in 1024ths. 2, 17.3 and 131 Hz at 20
 /// kHz, with 63, 25 and 10 % of the range.
-pub const IDENTIFICATION_TONES: [(u32, i32); 4] = [(429_497, 646), (3_715_146, 256), (28_132_034, 102), (0, 0)];
+pub const IDENTIFICATION_TONES: [(u32, i32); 4] =
+    [(429_497, 646), (3_715_146, 256), (28_132_034, 102), (0, 0)];
 /// The sweep's share of the range beside them, in 1024ths.
 pub const IDENTIFICATION_SWEEP: i32 = 20;
 
@@ -227,8 +228,13 @@ struct Cycle {
 }
 
 impl Cycle {
-    const NONE: Self =
-        Self { lowest: DriveCode::MOST, highest: DriveCode::new(0), reading: SensorCode::new(0), applied: 0, noise: Extremes::NONE };
+    const NONE: Self = Self {
+        lowest: DriveCode::MOST,
+        highest: DriveCode::new(0),
+        reading: SensorCode::new(0),
+        applied: 0,
+        noise: Extremes::NONE,
+    };
 }
 
 /// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier
@@ -319,7 +325,11 @@ impl Amplifier {
     #[inline]
     pub fn inspect_output(&mut self, code: Option<u16>) {
         let (drive, powered) = (self.servo.drive().to_bits(), self.powered);
-        if let Some(fault) = self.output.as_mut().and_then(|monitor| monitor.inspect(code, drive, powered)) {
+        if let Some(fault) = self
+            .output
+            .as_mut()
+            .and_then(|monitor| monitor.inspect(code, drive, powered))
+        {
             self.refuse(fault);
         }
     }
@@ -366,7 +376,11 @@ impl Amplifier {
                         return Err(Refusal::NoBlock);
                     }
                     self.fault = self.for_good;
-                    self.mode = if self.for_good.is_some() { Mode::Fault } else { Mode::Rest };
+                    self.mode = if self.for_good.is_some() {
+                        Mode::Fault
+                    } else {
+                        Mode::Rest
+                    };
                     self.change = 0;
                 }
                 return Ok(());
@@ -374,7 +388,10 @@ impl Amplifier {
             Command::RequireConditioning(required) => self.conditioning_required = required,
             Command::Filter { signal, place, row } => self.set_filter(signal, place, &row),
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
-            Command::Reference { waveform: Waveform::Table(_), .. } if self.mode != Mode::Closed => return Err(Refusal::LoopOpen),
+            Command::Reference {
+                waveform: Waveform::Table(_),
+                ..
+            } if self.mode != Mode::Closed => return Err(Refusal::LoopOpen),
             Command::Reference { waveform, offset } => {
                 self.reference = Some((waveform, offset));
                 if self.mode == Mode::Closed {
@@ -401,7 +418,11 @@ impl Amplifier {
                 self.begin_reference();
                 self.mode = Mode::Closed;
             }
-            Command::Play { waveform, offset, ticks } => {
+            Command::Play {
+                waveform,
+                offset,
+                ticks,
+            } => {
                 self.at_rest()?;
                 self.player = ReferenceGenerator::new(waveform, offset);
                 self.begin_playing(ticks, 0);
@@ -411,10 +432,14 @@ impl Amplifier {
                     return Err(Refusal::NotAtRest);
                 }
                 self.reference = None;
-                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive.to_bits())));
+                self.held_code =
+                    Some(drive.map_or(self.code, |drive| self.code_for(drive.to_bits())));
                 self.mode = Mode::Playing;
             }
-            Command::Condition { cycle_ticks, rest_ticks } => {
+            Command::Condition {
+                cycle_ticks,
+                rest_ticks,
+            } => {
                 self.at_rest()?;
                 let cycle_ticks = cycle_ticks.max(self.shortest_cycle());
                 let increment = u32::MAX.checked_div(cycle_ticks).unwrap_or(0);
@@ -442,12 +467,18 @@ impl Amplifier {
     pub fn swap(&mut self, parameters: &AmplifierParameters) -> Result<(), &'static str> {
         match self.mode {
             Mode::Fault => return Err("a fault is latched"),
-            Mode::Playing => return Err("a drive is played or held: only at rest, or with the loop closed"),
+            Mode::Playing => {
+                return Err("a drive is played or held: only at rest, or with the loop closed");
+            }
             Mode::Rest | Mode::Closed => {}
         }
         block_swap::may_follow(&self.parameters, parameters)?;
-        if self.servo.learner().period_ticks().is_some() && self.parameters.servo.learning != parameters.servo.learning {
-            return Err("a learned correction is played that the block would not go on with: a reference without a period first");
+        if self.servo.learner().period_ticks().is_some()
+            && self.parameters.servo.learning != parameters.servo.learning
+        {
+            return Err(
+                "a learned correction is played that the block would not go on with: a reference without a period first",
+            );
         }
         let zero = self.parameters.servo.converters.adc_zero;
         self.parameters = *parameters;
@@ -466,8 +497,17 @@ impl Amplifier {
     /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest
     /// point, so that it begins at the lower limit.
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator<Volts> {
-        let tones = tones.map(|(increment, share)| (increment, Volts::from_bits(self.of_half_the_range(share)), LOWEST_POINT));
-        ReferenceGenerator::new(Waveform::Multisine { tones }, Volts::from_bits(self.middle()))
+        let tones = tones.map(|(increment, share)| {
+            (
+                increment,
+                Volts::from_bits(self.of_half_the_range(share)),
+                LOWEST_POINT,
+            )
+        });
+        ReferenceGenerator::new(
+            Waveform::Multisine { tones },
+            Volts::from_bits(self.middle()),
+        )
     }
 
     /// Middle of the drive's range, V with 22 fraction bits.
@@ -478,12 +518,18 @@ impl Amplifier {
 
     /// So many 1024ths of half the drive's range, V with 22 fraction bits.
     fn of_half_the_range(&self, share: i32) -> i32 {
-        let half = self.middle().saturating_sub(volts(self.parameters.physical.drive_min_mv));
+        let half = self
+            .middle()
+            .saturating_sub(volts(self.parameters.physical.drive_min_mv));
         narrow((i64::from(half) * i64::from(share)) >> 10)
     }
 
     fn at_rest(&self) -> Result<(), Refusal> {
-        if self.mode == Mode::Rest && self.drive_rests() { Ok(()) } else { Err(Refusal::NotAtRest) }
+        if self.mode == Mode::Rest && self.drive_rests() {
+            Ok(())
+        } else {
+            Err(Refusal::NotAtRest)
+        }
     }
 
     /// Ticks that a cycle over the whole range takes at least, so that its steepest part is within the slew
@@ -492,11 +538,15 @@ impl Amplifier {
         let c = &self.parameters.servo.converters;
         let range = u64::from(c.dac_code_max.abs_diff(c.dac_code_min));
         // 20 bits times 22, over 7: pi, rounded up.
-        (range * 22).checked_div(7 * u64::from(c.slew_codes)).map_or(u32::MAX, |ticks| ticks as u32 + 1)
+        (range * 22)
+            .checked_div(7 * u64::from(c.slew_codes))
+            .map_or(u32::MAX, |ticks| ticks as u32 + 1)
     }
 
     fn begin_reference(&mut self) {
-        let (waveform, offset) = self.reference.unwrap_or_else(|| (Waveform::Constant, self.standing()));
+        let (waveform, offset) = self
+            .reference
+            .unwrap_or_else(|| (Waveform::Constant, self.standing()));
         self.generator = ReferenceGenerator::new(waveform, offset);
         self.servo.repeat(waveform.period_ticks());
         self.servo.enable();
@@ -504,8 +554,12 @@ impl Amplifier {
 
     /// Where the stage stands, within what the sensor can honestly give.
     fn standing(&self) -> Micrometres {
-        let (lowest, highest) = command_limits::positions(&self.parameters.servo.converters, &self.parameters.guard);
-        let here = self.guard.last_code().map_or(0, |code| self.parameters.servo.converters.position(code));
+        let (lowest, highest) =
+            command_limits::positions(&self.parameters.servo.converters, &self.parameters.guard);
+        let here = self
+            .guard
+            .last_code()
+            .map_or(0, |code| self.parameters.servo.converters.position(code));
         Micrometres::from_bits(here).max(lowest).min(highest)
     }
 
@@ -537,7 +591,11 @@ impl Amplifier {
         self.code = match (self.mode, reading) {
             (Mode::Closed, Some(code)) => {
                 let wanted = self.servo.tick(code, self.generator.next_value());
-                let error = self.servo.reference().to_bits().saturating_sub(self.servo.reading().to_bits());
+                let error = self
+                    .servo
+                    .reference()
+                    .to_bits()
+                    .saturating_sub(self.servo.reading().to_bits());
                 match self.guard.inspect_loop(error, self.servo.slewing()) {
                     None => wanted,
                     Some(fault) => {
@@ -561,7 +619,11 @@ impl Amplifier {
             tick,
             adc_code: reading.unwrap_or_default(),
             dac_code: self.code,
-            reference: if self.mode == Mode::Closed { self.servo.reference().to_bits() } else { 0 },
+            reference: if self.mode == Mode::Closed {
+                self.servo.reference().to_bits()
+            } else {
+                0
+            },
             applied: self.servo.applied().to_bits(),
             unknown_input: self.servo.unknown_input(),
             flags: self.mode as u16 | (self.fault.map_or(0, |fault| fault as u16) << 8),
@@ -577,10 +639,16 @@ impl Amplifier {
     /// The next code of the self-test.
     #[inline(never)]
     fn test(&mut self, reading: SensorCode) -> DriveCode {
-        let Some(aim) = self.self_test.as_ref().map(SelfTest::aim) else { return self.code };
+        let Some(aim) = self.self_test.as_ref().map(SelfTest::aim) else {
+            return self.code;
+        };
         let code = self.servo.open_loop(self.guard.towards(self.code, aim));
         let applied = self.servo.applied().to_bits();
-        match self.self_test.as_mut().and_then(|test| test.take(reading, code == aim, applied)) {
+        match self
+            .self_test
+            .as_mut()
+            .and_then(|test| test.take(reading, code == aim, applied))
+        {
             None => {}
             Some(Ok(())) => {
                 self.self_test = None;
@@ -633,7 +701,9 @@ impl Amplifier {
     #[inline]
     fn code_for(&self, drive: i32) -> DriveCode {
         let c = &self.parameters.servo.converters;
-        DriveCode::new(c.steps(drive).max(0) as u32).max(c.dac_code_min).min(c.dac_code_max)
+        DriveCode::new(c.steps(drive).max(0) as u32)
+            .max(c.dac_code_min)
+            .min(c.dac_code_max)
     }
 
     /// The next code of an open-loop drive.
@@ -660,7 +730,8 @@ impl Amplifier {
             let (lowest, highest) = (self.code - c.slew_codes, self.code + c.slew_codes);
             let code = self.servo.open_loop(code.max(lowest).min(highest));
             if code > self.cycle.highest {
-                (self.cycle.highest, self.cycle.reading, self.cycle.applied) = (code, reading, self.servo.applied().to_bits());
+                (self.cycle.highest, self.cycle.reading, self.cycle.applied) =
+                    (code, reading, self.servo.applied().to_bits());
             }
             self.cycle.lowest = self.cycle.lowest.min(code);
             return code;
@@ -775,7 +846,10 @@ mod tests {
     /// A massless linear actuator with a gain of 1/7 um/V and a little noise, read by the ADC of the example.
     fn reading(code: DriveCode, tick: u32) -> SensorCode {
         let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
-        SensorCode::new(((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32 + (tick.wrapping_mul(2_654_435_761) >> 30))
+        SensorCode::new(
+            ((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32
+                + (tick.wrapping_mul(2_654_435_761) >> 30),
+        )
     }
 
     /// At rest, armed by somebody who knows the stage.
@@ -790,13 +864,23 @@ mod tests {
         let mut parameters = example();
         parameters.physical.drive_max_mv = 150_000;
         let c = &mut parameters.servo.converters;
-        (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (200i64 << 38) >> 16, ((65_536i64 << 16) / 200) as i32);
+        (c.dac_zero, c.dac_step, c.dac_codes_per_volt) =
+            (0, (200i64 << 38) >> 16, ((65_536i64 << 16) / 200) as i32);
         (c.dac_code_min, c.dac_code_max) = (DriveCode::new(0), DriveCode::new(49_152));
         parameters.guard.rest_code = DriveCode::new(0);
         let mut amplifier = armed(parameters);
-        assert_eq!(amplifier.command(Command::Identify { ticks: 20_000 }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Identify { ticks: 20_000 }),
+            Ok(())
+        );
         for k in 0..REST_BEFORE_TICKS {
-            assert_eq!(amplifier.tick(Some(reading(DriveCode::new(9_362), k)), false).dac_code, DriveCode::new(0), "rests first");
+            assert_eq!(
+                amplifier
+                    .tick(Some(reading(DriveCode::new(9_362), k)), false)
+                    .dac_code,
+                DriveCode::new(0),
+                "rests first"
+            );
         }
         let (mut highest, mut before) = (DriveCode::new(0), DriveCode::new(0));
         for k in 0..20_000 {
@@ -812,7 +896,10 @@ mod tests {
     #[test]
     fn a_drive_is_held_and_the_loop_closes_from_there() {
         let mut amplifier = armed(example());
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32| {
             let mut largest_step = 0;
@@ -824,18 +911,33 @@ mod tests {
             (code, largest_step)
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::from_num(35)) }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Hold {
+                drive: Some(Volts::from_num(35))
+            }),
+            Ok(())
+        );
         let ramp = amplifier.parameters().guard.ramp_codes;
         // The example's converter: -20 V at code 0, 140 V over 65536 codes.
         assert_eq!(run(&mut amplifier, 4000), (DriveCode::new(25_746), ramp));
         assert_eq!(amplifier.mode(), Mode::Playing);
         assert_eq!(
-            amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_bits(0), ticks: 5 }),
+            amplifier.command(Command::Play {
+                waveform: Waveform::Constant,
+                offset: Volts::from_bits(0),
+                ticks: 5
+            }),
             Err(Refusal::NotAtRest)
         );
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 10), (DriveCode::new(25_746), 0));
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Reference {
+                waveform: Waveform::Constant,
+                offset: Micrometres::from_num(5)
+            }),
+            Ok(())
+        );
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000);
         assert_eq!(amplifier.mode(), Mode::Closed);
@@ -843,10 +945,21 @@ mod tests {
         let (closed, _) = run(&mut amplifier, 1);
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 100), (closed, 0));
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::MAX) }), Ok(()));
-        assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().servo.converters.dac_code_max);
+        assert_eq!(
+            amplifier.command(Command::Hold {
+                drive: Some(Volts::MAX)
+            }),
+            Ok(())
+        );
+        assert_eq!(
+            run(&mut amplifier, 8000).0,
+            amplifier.parameters().servo.converters.dac_code_max
+        );
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
-        assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().guard.rest_code);
+        assert_eq!(
+            run(&mut amplifier, 8000).0,
+            amplifier.parameters().guard.rest_code
+        );
     }
 
     #[test]
@@ -863,39 +976,70 @@ mod tests {
             last
         };
         run(&mut amplifier, 1000, true);
-        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
-        let condition = Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 };
+        assert_eq!(
+            amplifier.command(Command::Enable),
+            Err(Refusal::NotConditioned)
+        );
+        let condition = Command::Condition {
+            cycle_ticks: 2000,
+            rest_ticks: 2000,
+        };
         assert_eq!(amplifier.command(condition), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotAtRest));
         run(&mut amplifier, 2500, true);
         // A conditioning that was stopped does not count.
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         run(&mut amplifier, 4500, true);
-        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(
+            amplifier.command(Command::Enable),
+            Err(Refusal::NotConditioned)
+        );
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         assert_eq!(amplifier.mode(), Mode::Rest);
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Reference {
+                waveform: Waveform::Constant,
+                offset: Micrometres::from_num(5)
+            }),
+            Ok(())
+        );
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
         let error_um = amplifier.servo().reading().to_num::<f64>() - 5.0;
         assert!(error_um.abs() < 0.01, "{error_um}");
         let last = run(&mut amplifier, 1, false);
-        assert_eq!((last.flags & 0xff, last.flags >> 8), (Mode::Fault as u16, Fault::SensorSilent as u16));
+        assert_eq!(
+            (last.flags & 0xff, last.flags >> 8),
+            (Mode::Fault as u16, Fault::SensorSilent as u16)
+        );
         let last = run(&mut amplifier, 2000, false);
         assert_eq!(last.dac_code, amplifier.parameters().guard.rest_code);
-        assert_eq!(amplifier.command(Command::Clear), Err(Refusal::NotYetHealthy));
+        assert_eq!(
+            amplifier.command(Command::Clear),
+            Err(Refusal::NotYetHealthy)
+        );
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::Faulted));
         run(&mut amplifier, 1100, true);
         assert_eq!(amplifier.command(Command::Clear), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotArmed));
         assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
         // At a fault the power stage is switched off, and nobody knows what the stage did.
-        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(
+            amplifier.command(Command::Enable),
+            Err(Refusal::NotConditioned)
+        );
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         // An open-loop drive and a rest of any length lose nothing.
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_num(9), ticks: 500 }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Play {
+                waveform: Waveform::Constant,
+                offset: Volts::from_num(9),
+                ticks: 500
+            }),
+            Ok(())
+        );
         run(&mut amplifier, 20_000, true);
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
@@ -923,20 +1067,39 @@ mod tests {
                 .collect()
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Play { waveform: table(), offset: Volts::from_bits(0), ticks: 60 }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Play {
+                waveform: table(),
+                offset: Volts::from_bits(0),
+                ticks: 60
+            }),
+            Ok(())
+        );
         let open = run(&mut amplifier, 70);
         // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge
         // before the next one.
         let high = DriveCode::new(24 * 65_536 / 140);
-        let acts: Vec<bool> = open.windows(2).map(|pair| pair[0].1.dac_code.abs_diff(high) < 200).collect();
+        let acts: Vec<bool> = open
+            .windows(2)
+            .map(|pair| pair[0].1.dac_code.abs_diff(high) < 200)
+            .collect();
         let told: Vec<bool> = open.iter().skip(1).map(|(told, _)| *told).collect();
         assert_eq!(told.iter().filter(|told| **told).count(), 15);
         assert_eq!(told, acts);
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
         run(&mut amplifier, 4000);
-        let wave = Command::Reference { waveform: table(), offset: Micrometres::from_bits(0) };
+        let wave = Command::Reference {
+            waveform: table(),
+            offset: Micrometres::from_bits(0),
+        };
         assert_eq!(amplifier.command(wave), Err(Refusal::LoopOpen));
-        assert_eq!((amplifier.command(Command::Enable), amplifier.command(wave)), (Ok(()), Ok(())));
+        assert_eq!(
+            (amplifier.command(Command::Enable), amplifier.command(wave)),
+            (Ok(()), Ok(()))
+        );
         let closed = run(&mut amplifier, 80);
         assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
         // The reference rises with the marked point, whatever offset it still has from the beginning of the
@@ -946,7 +1109,13 @@ mod tests {
             assert!((if pair[1].0 { step } else { -step }) > 1 << 23, "{pair:?}");
         }
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
-        assert!(run(&mut amplifier, 20).iter().skip(1).all(|(told, _)| !told), "at rest nothing is marked");
+        assert!(
+            run(&mut amplifier, 20)
+                .iter()
+                .skip(1)
+                .all(|(told, _)| !told),
+            "at rest nothing is marked"
+        );
     }
 
     #[test]
@@ -963,9 +1132,18 @@ mod tests {
                 .last()
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let far = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(8) };
-        assert_eq!((amplifier.command(far), amplifier.command(Command::Enable)), (Ok(()), Ok(())));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
+        let far = Command::Reference {
+            waveform: Waveform::Constant,
+            offset: Micrometres::from_num(8),
+        };
+        assert_eq!(
+            (amplifier.command(far), amplifier.command(Command::Enable)),
+            (Ok(()), Ok(()))
+        );
         run(&mut amplifier, 4000);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         run(&mut amplifier, 4000);
@@ -975,8 +1153,13 @@ mod tests {
         // Nor does a reference act that the sensor cannot show.
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         run(&mut amplifier, 4000);
-        let beyond = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(100) };
-        let refused = amplifier.command(beyond).and_then(|()| amplifier.command(Command::Enable));
+        let beyond = Command::Reference {
+            waveform: Waveform::Constant,
+            offset: Micrometres::from_num(100),
+        };
+        let refused = amplifier
+            .command(beyond)
+            .and_then(|()| amplifier.command(Command::Enable));
         assert_eq!(refused, Err(Refusal::BeyondLimits));
     }
 
@@ -986,28 +1169,63 @@ mod tests {
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32, sensor: bool| {
             for k in 0..ticks {
-                code = amplifier.tick(sensor.then(|| reading(code, k)), false).dac_code;
+                code = amplifier
+                    .tick(sensor.then(|| reading(code, k)), false)
+                    .dac_code;
             }
             (amplifier.powered(), amplifier.armed(), amplifier.mode())
         };
-        let play = Command::Play { waveform: Waveform::Constant, offset: Volts::from_num(9), ticks: 500 };
-        let condition = Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 };
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        for command in [play, condition, Command::Enable, Command::Identify { ticks: 9 }, Command::Hold { drive: None }] {
+        let play = Command::Play {
+            waveform: Waveform::Constant,
+            offset: Volts::from_num(9),
+            ticks: 500,
+        };
+        let condition = Command::Condition {
+            cycle_ticks: 2000,
+            rest_ticks: 2000,
+        };
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
+        for command in [
+            play,
+            condition,
+            Command::Enable,
+            Command::Identify { ticks: 9 },
+            Command::Hold { drive: None },
+        ] {
             assert_eq!(amplifier.command(command), Err(Refusal::NotArmed));
         }
         assert_eq!(run(&mut amplifier, 100, true), (false, false, Mode::Rest));
         assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
-        assert_eq!(run(&mut amplifier, 3000, true), (true, false, Mode::Playing), "the self-test");
+        assert_eq!(
+            run(&mut amplifier, 3000, true),
+            (true, false, Mode::Playing),
+            "the self-test"
+        );
         assert_eq!(run(&mut amplifier, 7000, true), (true, true, Mode::Rest));
         assert_eq!(amplifier.command(condition), Ok(()));
         assert_eq!(run(&mut amplifier, 4500, true), (true, true, Mode::Rest));
         assert!(amplifier.conditioned());
         // A stop keeps it armed; whoever disarms switches off, and nobody knows the stage's memory then.
-        assert_eq!((amplifier.command(Command::Enable), amplifier.command(Command::Disable)), (Ok(()), Ok(())));
+        assert_eq!(
+            (
+                amplifier.command(Command::Enable),
+                amplifier.command(Command::Disable)
+            ),
+            (Ok(()), Ok(()))
+        );
         assert_eq!(run(&mut amplifier, 1000, true), (true, true, Mode::Rest));
-        assert_eq!((amplifier.command(play), run(&mut amplifier, 100, true)), (Ok(()), (true, true, Mode::Playing)));
-        assert_eq!((amplifier.command(Command::Disarm), amplifier.powered()), (Ok(()), true), "until it rests");
+        assert_eq!(
+            (amplifier.command(play), run(&mut amplifier, 100, true)),
+            (Ok(()), (true, true, Mode::Playing))
+        );
+        assert_eq!(
+            (amplifier.command(Command::Disarm), amplifier.powered()),
+            (Ok(()), true),
+            "until it rests"
+        );
         assert_eq!(run(&mut amplifier, 1000, true), (false, false, Mode::Rest));
         assert!(!amplifier.conditioned());
         // A self-test that is stopped does not count, and a sensor that does not follow it is a fault.
@@ -1020,7 +1238,10 @@ mod tests {
         for k in 0..10_000 {
             amplifier.tick(Some(reading(rest, k)), false);
         }
-        assert_eq!((amplifier.fault(), amplifier.powered()), (Some(Fault::SensorDoesNotMove), false));
+        assert_eq!(
+            (amplifier.fault(), amplifier.powered()),
+            (Some(Fault::SensorDoesNotMove), false)
+        );
     }
 
     #[test]
@@ -1032,8 +1253,17 @@ mod tests {
             // 100 Hz from 10 to 50 V: 0.44 V a tick RMS, 208 codes.
             let tone = (((100u64 << 32) / 20_000) as u32, Volts::from_num(20), 0);
             let none = (0, Volts::ZERO, 0);
-            let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
-            assert_eq!(amplifier.command(Command::Play { waveform, offset: Volts::from_num(30), ticks: 80_000 }), Ok(()));
+            let waveform = Waveform::Multisine {
+                tones: [tone, none, none, none],
+            };
+            assert_eq!(
+                amplifier.command(Command::Play {
+                    waveform,
+                    offset: Volts::from_num(30),
+                    ticks: 80_000
+                }),
+                Ok(())
+            );
             let stopped = (0..80_000).find(|k| {
                 code = amplifier.tick(Some(reading(code, *k)), false).dac_code;
                 amplifier.mode() == Mode::Fault
@@ -1042,15 +1272,27 @@ mod tests {
         };
         assert_eq!(run(215 * 215), (None, None));
         let (stopped, fault) = run(200 * 200);
-        assert!(stopped.is_some_and(|tick| (16_384..60_000).contains(&tick)), "{stopped:?}");
+        assert!(
+            stopped.is_some_and(|tick| (16_384..60_000).contains(&tick)),
+            "{stopped:?}"
+        );
         assert_eq!(fault, Some(Fault::DriveCurrent));
     }
 
     /// Conditions an actuator that is read through `sensor`; the conditioned state and the mode behind it.
-    fn condition(parameters: AmplifierParameters, sensor: impl Fn(DriveCode, u32) -> SensorCode) -> (bool, Mode, DriveCode) {
+    fn condition(
+        parameters: AmplifierParameters,
+        sensor: impl Fn(DriveCode, u32) -> SensorCode,
+    ) -> (bool, Mode, DriveCode) {
         let mut amplifier = armed(parameters);
         let (mut code, mut highest) = (parameters.guard.rest_code, DriveCode::new(0));
-        assert_eq!(amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Condition {
+                cycle_ticks: 2000,
+                rest_ticks: 2000
+            }),
+            Ok(())
+        );
         for k in 0..200_000 {
             code = amplifier.tick(Some(sensor(code, k)), false).dac_code;
             highest = highest.max(code);
@@ -1066,7 +1308,9 @@ mod tests {
             parameters.guard.ramp_codes = slew_codes.min(40);
             let (conditioned, _, highest) = condition(parameters, reading);
             let short = parameters.servo.converters.dac_code_max.abs_diff(highest);
-            std::println!("slew {slew_codes} codes a tick: the cycle ends {short} codes below the highest drive");
+            std::println!(
+                "slew {slew_codes} codes a tick: the cycle ends {short} codes below the highest drive"
+            );
             assert!(conditioned && short < 40, "{slew_codes}: {short}");
         }
     }
@@ -1077,8 +1321,13 @@ mod tests {
         let dead = |_, tick| reading(rest, tick);
         let reversed = |code, tick| SensorCode::new(65_536 - reading(code, tick).steps());
         let tenth = |code: DriveCode, tick| reading(rest + (code.abs_diff(rest) / 10), tick);
-        for (nth, (conditioned, mode, _)) in
-            [condition(example(), dead), condition(example(), reversed), condition(example(), tenth)].into_iter().enumerate()
+        for (nth, (conditioned, mode, _)) in [
+            condition(example(), dead),
+            condition(example(), reversed),
+            condition(example(), tenth),
+        ]
+        .into_iter()
+        .enumerate()
         {
             assert_eq!((conditioned, mode), (false, Mode::Fault), "{nth}");
         }
@@ -1087,12 +1336,24 @@ mod tests {
     #[test]
     fn an_operator_who_knows_the_stage_closes_the_loop_without_a_conditioning() {
         let mut amplifier = armed(example());
-        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::Enable),
+            Err(Refusal::NotConditioned)
+        );
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         assert_eq!(amplifier.mode(), Mode::Closed);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
-        assert_eq!(amplifier.command(Command::RequireConditioning(true)), Ok(()));
-        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(true)),
+            Ok(())
+        );
+        assert_eq!(
+            amplifier.command(Command::Enable),
+            Err(Refusal::NotConditioned)
+        );
     }
 }

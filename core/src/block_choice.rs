@@ -47,11 +47,35 @@ mod tests {
 
     #[test]
     fn a_pair_of_which_neither_replaces_the_other_is_ambiguous() {
-        let kept = |fingerprint, replaced| Some(Kept { fingerprint, replaced });
+        let kept = |fingerprint, replaced| {
+            Some(Kept {
+                fingerprint,
+                replaced,
+            })
+        };
         assert_eq!(choose(None, None), Choice::Nothing);
-        assert_eq!((choose(kept(1, true), None), choose(None, kept(1, false))), (Choice::Place(0), Choice::Place(1)));
-        assert_eq!((choose(kept(1, true), kept(2, false)), choose(kept(1, false), kept(2, true))), (Choice::Place(1), Choice::Place(0)));
-        assert_eq!((choose(kept(1, false), kept(2, false)), choose(kept(1, true), kept(2, true))), (Choice::Ambiguous, Choice::Ambiguous));
-        assert_eq!(choose(kept(1, false), kept(1, false)), Choice::Place(0), "the same block twice");
+        assert_eq!(
+            (choose(kept(1, true), None), choose(None, kept(1, false))),
+            (Choice::Place(0), Choice::Place(1))
+        );
+        assert_eq!(
+            (
+                choose(kept(1, true), kept(2, false)),
+                choose(kept(1, false), kept(2, true))
+            ),
+            (Choice::Place(1), Choice::Place(0))
+        );
+        assert_eq!(
+            (
+                choose(kept(1, false), kept(2, false)),
+                choose(kept(1, true), kept(2, true))
+            ),
+            (Choice::Ambiguous, Choice::Ambiguous)
+        );
+        assert_eq!(
+            choose(kept(1, false), kept(1, false)),
+            Choice::Place(0),
+            "the same block twice"
+        );
     }
 }

@@ -11,7 +11,10 @@ use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParame
 ///
 /// # Errors
 /// Why not.
-pub fn may_follow(running: &AmplifierParameters, new: &AmplifierParameters) -> Result<(), &'static str> {
+pub fn may_follow(
+    running: &AmplifierParameters,
+    new: &AmplifierParameters,
+) -> Result<(), &'static str> {
     let (before, after) = (&running.physical, &new.physical);
     if before.name != after.name {
         return Err("made for another stage");
@@ -19,11 +22,26 @@ pub fn may_follow(running: &AmplifierParameters, new: &AmplifierParameters) -> R
     if before.sample_rate_hz != after.sample_rate_hz || running.servo.delayed != new.servo.delayed {
         return Err("made for another sampling rate");
     }
-    let limits = |p: &AmplifierParameters| (p.physical.drive_min_mv, p.physical.drive_max_mv, p.physical.sensor_span_nm);
-    if limits(running) != limits(new) || !same_scale(&running.servo.converters, &new.servo.converters) {
+    let limits = |p: &AmplifierParameters| {
+        (
+            p.physical.drive_min_mv,
+            p.physical.drive_max_mv,
+            p.physical.sensor_span_nm,
+        )
+    };
+    if limits(running) != limits(new)
+        || !same_scale(&running.servo.converters, &new.servo.converters)
+    {
         return Err("other converters, or another range of drive or sensor");
     }
-    let rest = |p: &AmplifierParameters| (p.guard.adc_code_min, p.guard.adc_code_max, p.guard.rest_code, p.guard.ramp_codes);
+    let rest = |p: &AmplifierParameters| {
+        (
+            p.guard.adc_code_min,
+            p.guard.adc_code_max,
+            p.guard.rest_code,
+            p.guard.ramp_codes,
+        )
+    };
     let slew = |p: &AmplifierParameters| (p.physical.slew_limit_v_s, p.servo.converters.slew_codes);
     if rest(running) != rest(new) || slew(running) != slew(new) {
         return Err("another rest, ramp or slew limit");
@@ -32,7 +50,8 @@ pub fn may_follow(running: &AmplifierParameters, new: &AmplifierParameters) -> R
         return Err("another kind of actuator, or a hysteresis over another range of the drive");
     }
     match (&running.servo.law, &new.servo.law) {
-        (LawParameters::Regulator(_), LawParameters::Regulator(_)) | (LawParameters::Predictor(_), LawParameters::Predictor(_)) => Ok(()),
+        (LawParameters::Regulator(_), LawParameters::Regulator(_))
+        | (LawParameters::Predictor(_), LawParameters::Predictor(_)) => Ok(()),
         // What one of them has learned in motion is no state of the other; a sliding mode's estimate of the
         // velocity would begin at rest.
         _ => Err("only from a regulator to another, or from a predictor to another"),
@@ -55,8 +74,18 @@ fn same_memory(running: &ActuatorParameters, new: &ActuatorParameters) -> bool {
     match (running, new) {
         (Linear { .. }, Linear { .. }) => true,
         (
-            OneSidedHysteresis { drive_min, drive_range, share_per_volt, .. },
-            OneSidedHysteresis { drive_min: low, drive_range: range, share_per_volt: share, .. },
+            OneSidedHysteresis {
+                drive_min,
+                drive_range,
+                share_per_volt,
+                ..
+            },
+            OneSidedHysteresis {
+                drive_min: low,
+                drive_range: range,
+                share_per_volt: share,
+                ..
+            },
         ) => (drive_min, drive_range, share_per_volt) == (low, range, share),
         // A direct law works in volts: its state is no displacement.
         _ => false,
@@ -100,15 +129,22 @@ mod tests {
     }
 
     fn family() -> impl Strategy<Value = Family> {
-        (0.0f64..0.3, 0.0f64..0.1, 0.01f64..0.1, prop::array::uniform3(0.0f64..0.3), 6.0f64..8.0).prop_map(
-            |(proportional, derivative, integral, feedforward, volts_per_micrometre)| Family {
-                proportional,
-                derivative,
-                integral,
-                feedforward,
-                volts_per_micrometre,
-            },
+        (
+            0.0f64..0.3,
+            0.0f64..0.1,
+            0.01f64..0.1,
+            prop::array::uniform3(0.0f64..0.3),
+            6.0f64..8.0,
         )
+            .prop_map(
+                |(proportional, derivative, integral, feedforward, volts_per_micrometre)| Family {
+                    proportional,
+                    derivative,
+                    integral,
+                    feedforward,
+                    volts_per_micrometre,
+                },
+            )
     }
 
     /// A notch whose gain at rest is one, with a memory of some ticks.
@@ -127,10 +163,16 @@ mod tests {
             volts_per_micrometre: fixed(family.volts_per_micrometre, 20),
             micrometres_per_volt: fixed(1.0 / family.volts_per_micrometre, 28),
         };
-        if let LawParameters::Regulator(PidParameters { proportional_derivative, integral, feedforward: row, notch, .. }) =
-            &mut parameters.servo.law
+        if let LawParameters::Regulator(PidParameters {
+            proportional_derivative,
+            integral,
+            feedforward: row,
+            notch,
+            ..
+        }) = &mut parameters.servo.law
         {
-            proportional_derivative.coefficients = [fixed(family.proportional, 20), fixed(family.derivative, 20)];
+            proportional_derivative.coefficients =
+                [fixed(family.proportional, 20), fixed(family.derivative, 20)];
             *integral = fixed(family.integral, 26);
             row.coefficients = feedforward;
             notch.coefficients = NOTCH.map(|c| fixed(c, 28));
@@ -152,13 +194,32 @@ mod tests {
         fn begin(family: &Family, hz: f64, amplitude_um: f64, noise_codes: u32) -> Self {
             let mut amplifier = Amplifier::new(block(family));
             assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
-            assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+            assert_eq!(
+                amplifier.command(Command::RequireConditioning(false)),
+                Ok(())
+            );
             let increment = (hz / 20_000.0 * 2f64.powi(32)) as u32;
-            let (tone, none) = ((increment, Micrometres::from_num(amplitude_um), 0), (0, Micrometres::ZERO, 0));
-            let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
-            assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));
+            let (tone, none) = (
+                (increment, Micrometres::from_num(amplitude_um), 0),
+                (0, Micrometres::ZERO, 0),
+            );
+            let waveform = Waveform::Multisine {
+                tones: [tone, none, none, none],
+            };
+            assert_eq!(
+                amplifier.command(Command::Reference {
+                    waveform,
+                    offset: Micrometres::from_num(5)
+                }),
+                Ok(())
+            );
             let code = amplifier.parameters().guard.rest_code;
-            let mut this = Self { amplifier, code, tick: 0, noise_codes };
+            let mut this = Self {
+                amplifier,
+                code,
+                tick: 0,
+                noise_codes,
+            };
             this.run(10);
             assert_eq!(this.amplifier.command(Command::Enable), Ok(()));
             this
@@ -175,7 +236,11 @@ mod tests {
                 self.code = self.amplifier.tick(Some(self.reading()), false).dac_code;
                 self.tick += 1;
                 let servo = self.amplifier.servo();
-                errors = [(servo.reference() - servo.reading()).to_num(), errors[0], errors[1]];
+                errors = [
+                    (servo.reference() - servo.reading()).to_num(),
+                    errors[0],
+                    errors[1],
+                ];
             }
             errors
         }
@@ -256,7 +321,10 @@ mod tests {
 
     /// What the notch's memory adds to the next output beyond the last output, um.
     fn notch_memory(amplifier: &Amplifier) -> f64 {
-        let [x1, x2, y1, y2] = amplifier.servo().notch_memory().map(|um| f64::from(um) / f64::from(1 << 24));
+        let [x1, x2, y1, y2] = amplifier
+            .servo()
+            .notch_memory()
+            .map(|um| f64::from(um) / f64::from(1 << 24));
         let next = NOTCH[0] * x1 + NOTCH[1] * x1 + NOTCH[2] * x2 + NOTCH[3] * y1 + NOTCH[4] * y2;
         (next - y1).abs()
     }
@@ -270,61 +338,136 @@ mod tests {
             may_follow(&good, &new)
         };
         assert_eq!(refused(&|_| {}), Ok(()));
-        assert_eq!(refused(&|new| new.servo.converters.adc_zero += 1000), Ok(()), "the zero is the one that was found");
+        assert_eq!(
+            refused(&|new| new.servo.converters.adc_zero += 1000),
+            Ok(()),
+            "the zero is the one that was found"
+        );
         assert_eq!(refused(&|new| new.guard.tracking_error /= 2), Ok(()));
-        assert_eq!(refused(&|new| new.physical.name[0] = b'q'), Err("made for another stage"));
-        assert_eq!(refused(&|new| new.physical.sample_rate_hz = 10_000), Err("made for another sampling rate"));
-        assert_eq!(refused(&|new| new.servo.delayed = false), Err("made for another sampling rate"));
-        const SCALE: Result<(), &str> = Err("other converters, or another range of drive or sensor");
+        assert_eq!(
+            refused(&|new| new.physical.name[0] = b'q'),
+            Err("made for another stage")
+        );
+        assert_eq!(
+            refused(&|new| new.physical.sample_rate_hz = 10_000),
+            Err("made for another sampling rate")
+        );
+        assert_eq!(
+            refused(&|new| new.servo.delayed = false),
+            Err("made for another sampling rate")
+        );
+        const SCALE: Result<(), &str> =
+            Err("other converters, or another range of drive or sensor");
         assert_eq!(refused(&|new| new.physical.drive_max_mv = 70_000), SCALE);
         assert_eq!(refused(&|new| new.physical.drive_min_mv = 1), SCALE);
         assert_eq!(refused(&|new| new.physical.sensor_span_nm = 16_000), SCALE);
         assert_eq!(refused(&|new| new.servo.converters.adc_step += 1), SCALE);
         assert_eq!(refused(&|new| new.servo.converters.dac_zero += 1), SCALE);
         assert_eq!(refused(&|new| new.servo.converters.dac_step += 1), SCALE);
-        assert_eq!(refused(&|new| new.servo.converters.dac_codes_per_volt += 1), SCALE);
-        assert_eq!(refused(&|new| new.servo.converters.dac_code_min = new.servo.converters.dac_code_min + 1), SCALE);
-        assert_eq!(refused(&|new| new.servo.converters.dac_code_max = new.servo.converters.dac_code_max - 1), SCALE);
+        assert_eq!(
+            refused(&|new| new.servo.converters.dac_codes_per_volt += 1),
+            SCALE
+        );
+        assert_eq!(
+            refused(
+                &|new| new.servo.converters.dac_code_min = new.servo.converters.dac_code_min + 1
+            ),
+            SCALE
+        );
+        assert_eq!(
+            refused(
+                &|new| new.servo.converters.dac_code_max = new.servo.converters.dac_code_max - 1
+            ),
+            SCALE
+        );
         const REST: Result<(), &str> = Err("another rest, ramp or slew limit");
-        assert_eq!(refused(&|new| new.guard.rest_code = new.guard.rest_code + 1), REST);
+        assert_eq!(
+            refused(&|new| new.guard.rest_code = new.guard.rest_code + 1),
+            REST
+        );
         assert_eq!(refused(&|new| new.guard.ramp_codes += 1), REST);
-        assert_eq!(refused(&|new| new.guard.adc_code_max = new.guard.adc_code_max - 1), REST);
-        assert_eq!(refused(&|new| new.guard.adc_code_min = new.guard.adc_code_min + 1), REST);
+        assert_eq!(
+            refused(&|new| new.guard.adc_code_max = new.guard.adc_code_max - 1),
+            REST
+        );
+        assert_eq!(
+            refused(&|new| new.guard.adc_code_min = new.guard.adc_code_min + 1),
+            REST
+        );
         assert_eq!(refused(&|new| new.servo.converters.slew_codes -= 1), REST);
         assert_eq!(refused(&|new| new.physical.slew_limit_v_s -= 1), REST);
-        const KIND: Result<(), &str> = Err("another kind of actuator, or a hysteresis over another range of the drive");
-        let surfaces = SurfaceCoefficients { g: [[1; 5]; 5], f: [1; 5] };
-        let over = |range: i32| ActuatorParameters::OneSidedHysteresis { surfaces, drive_min: 0, drive_range: range, share_per_volt: 7 };
-        assert_eq!(refused(&|new| new.servo.actuator = ActuatorParameters::Direct), KIND);
+        const KIND: Result<(), &str> =
+            Err("another kind of actuator, or a hysteresis over another range of the drive");
+        let surfaces = SurfaceCoefficients {
+            g: [[1; 5]; 5],
+            f: [1; 5],
+        };
+        let over = |range: i32| ActuatorParameters::OneSidedHysteresis {
+            surfaces,
+            drive_min: 0,
+            drive_range: range,
+            share_per_volt: 7,
+        };
+        assert_eq!(
+            refused(&|new| new.servo.actuator = ActuatorParameters::Direct),
+            KIND
+        );
         assert_eq!(refused(&|new| new.servo.actuator = over(80 << 22)), KIND);
         let hysteresis = |range: i32| {
             let mut block = good;
             block.servo.actuator = over(range);
             block
         };
-        assert_eq!(may_follow(&hysteresis(80 << 22), &hysteresis(81 << 22)), KIND);
-        assert_eq!(may_follow(&hysteresis(80 << 22), &hysteresis(80 << 22)), Ok(()));
+        assert_eq!(
+            may_follow(&hysteresis(80 << 22), &hysteresis(81 << 22)),
+            KIND
+        );
+        assert_eq!(
+            may_follow(&hysteresis(80 << 22), &hysteresis(80 << 22)),
+            Ok(())
+        );
         assert!(refused(&|new| new.servo.law = LawParameters::Hold).is_err());
     }
 
     #[test]
     fn what_is_refused_changes_nothing() {
-        let family = Family { proportional: 0.1, derivative: 0.0, integral: 0.05, feedforward: [0.0; 3], volts_per_micrometre: 7.0 };
+        let family = Family {
+            proportional: 0.1,
+            derivative: 0.0,
+            integral: 0.05,
+            feedforward: [0.0; 3],
+            volts_per_micrometre: 7.0,
+        };
         let mut running = Running::begin(&family, 10.0, 1.0, 3);
         running.run(3000);
         let mut other = block(&family);
         other.guard.rest_code = other.guard.rest_code + 1;
-        let mut stayed = Running { amplifier: running.amplifier.clone(), ..running };
-        assert_eq!(running.amplifier.swap(&other), Err("another rest, ramp or slew limit"));
-        assert_eq!((running.run(500), running.code), (stayed.run(500), stayed.code));
+        let mut stayed = Running {
+            amplifier: running.amplifier.clone(),
+            ..running
+        };
+        assert_eq!(
+            running.amplifier.swap(&other),
+            Err("another rest, ramp or slew limit")
+        );
+        assert_eq!(
+            (running.run(500), running.code),
+            (stayed.run(500), stayed.code)
+        );
         // Not while a drive is held, not with a fault; at rest it may be.
         let good = block(&family);
-        assert_eq!(running.amplifier.command(Command::Hold { drive: None }), Ok(()));
+        assert_eq!(
+            running.amplifier.command(Command::Hold { drive: None }),
+            Ok(())
+        );
         assert!(running.amplifier.swap(&good).is_err());
         assert_eq!(running.amplifier.command(Command::Disable), Ok(()));
         running.run(4000);
         assert_eq!(running.amplifier.swap(&good), Ok(()));
-        assert_eq!((running.amplifier.mode(), running.code), (Mode::Rest, good.guard.rest_code));
+        assert_eq!(
+            (running.amplifier.mode(), running.code),
+            (Mode::Rest, good.guard.rest_code)
+        );
         running.amplifier.refuse(Fault::HostLost);
         assert_eq!(running.amplifier.swap(&good), Err("a fault is latched"));
     }
@@ -336,13 +479,35 @@ mod tests {
         assert_eq!(verify(&learning, 20_000), Ok(()));
         let mut amplifier = Amplifier::new(learning);
         assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let waveform = Waveform::RoundedTriangle { increment: u32::MAX / 400 + 1, amplitude: Micrometres::from_num(1) };
-        assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
+        let waveform = Waveform::RoundedTriangle {
+            increment: u32::MAX / 400 + 1,
+            amplitude: Micrometres::from_num(1),
+        };
+        assert_eq!(
+            amplifier.command(Command::Reference {
+                waveform,
+                offset: Micrometres::from_num(5)
+            }),
+            Ok(())
+        );
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         assert_eq!(amplifier.swap(&learning), Ok(()));
-        assert!(amplifier.swap(&example()).is_err_and(|reason| reason.contains("learned")));
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
+        assert!(
+            amplifier
+                .swap(&example())
+                .is_err_and(|reason| reason.contains("learned"))
+        );
+        assert_eq!(
+            amplifier.command(Command::Reference {
+                waveform: Waveform::Constant,
+                offset: Micrometres::from_num(5)
+            }),
+            Ok(())
+        );
         assert_eq!(amplifier.swap(&example()), Ok(()));
     }
 }

@@ -7,7 +7,11 @@ const fn nibble_table() -> [u32; 16] {
         let mut value = nibble as u32;
         let mut bit = 0;
         while bit < 4 {
-            value = if value & 1 == 1 { (value >> 1) ^ 0xEDB8_8320 } else { value >> 1 };
+            value = if value & 1 == 1 {
+                (value >> 1) ^ 0xEDB8_8320
+            } else {
+                value >> 1
+            };
             bit += 1;
         }
         table[nibble] = value;
@@ -31,7 +35,13 @@ impl Crc32 {
 
     /// Takes the next bytes.
     pub fn update(&mut self, bytes: &[u8]) {
-        let step = |crc: u32, nibble: u32| TABLE.get(((crc ^ nibble) & 15) as usize).copied().unwrap_or(0) ^ (crc >> 4);
+        let step = |crc: u32, nibble: u32| {
+            TABLE
+                .get(((crc ^ nibble) & 15) as usize)
+                .copied()
+                .unwrap_or(0)
+                ^ (crc >> 4)
+        };
         self.0 = bytes.iter().fold(self.0, |crc, byte| {
             let crc = step(crc, u32::from(*byte));
             step(crc, u32::from(*byte >> 4))
@@ -65,7 +75,9 @@ mod tests {
     fn the_standard_check_value() {
         assert_eq!(super::crc32(b"123456789"), 0xCBF4_3926);
         let mut sum = super::Crc32::new();
-        [&b"1234"[..], b"", b"56789"].into_iter().for_each(|piece| sum.update(piece));
+        [&b"1234"[..], b"", b"56789"]
+            .into_iter()
+            .for_each(|piece| sum.update(piece));
         assert_eq!(sum.value(), 0xCBF4_3926);
     }
 }

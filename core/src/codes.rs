@@ -124,14 +124,23 @@ mod tests {
     #[test]
     fn no_code_wraps() {
         assert_eq!(DriveCode::new(u32::MAX), DriveCode::MOST);
-        assert_eq!((DriveCode::MOST + 1, DriveCode::MOST + u32::MAX), (DriveCode::MOST, DriveCode::MOST));
-        assert_eq!((SensorCode::new(3) - 4, SensorCode::new(3) - u32::MAX), (SensorCode::default(), SensorCode::default()));
+        assert_eq!(
+            (DriveCode::MOST + 1, DriveCode::MOST + u32::MAX),
+            (DriveCode::MOST, DriveCode::MOST)
+        );
+        assert_eq!(
+            (SensorCode::new(3) - 4, SensorCode::new(3) - u32::MAX),
+            (SensorCode::default(), SensorCode::default())
+        );
         assert_eq!(SensorCode::new(3).abs_diff(SensorCode::new(10)), 7);
     }
 
     #[test]
     fn the_highest_code_is_that_of_the_bits() {
-        assert_eq!([8, 12, 16, 18, 20].map(|bits| DriveCode::highest(bits).steps()), [255, 4095, 65_535, 262_143, 1_048_575]);
+        assert_eq!(
+            [8, 12, 16, 18, 20].map(|bits| DriveCode::highest(bits).steps()),
+            [255, 4095, 65_535, 262_143, 1_048_575]
+        );
         assert_eq!(DriveCode::highest(32), DriveCode::MOST);
     }
 }

@@ -17,7 +17,10 @@ const ROUNDING: i64 = 2;
 
 /// Positions that the sensor can honestly give, lowest and highest.
 #[must_use]
-pub fn positions(converters: &ConverterParameters, guard: &GuardParameters) -> (Micrometres, Micrometres) {
+pub fn positions(
+    converters: &ConverterParameters,
+    guard: &GuardParameters,
+) -> (Micrometres, Micrometres) {
     let position = |code| Micrometres::from_bits(converters.position(code));
     (position(guard.adc_code_min), position(guard.adc_code_max))
 }
@@ -26,7 +29,10 @@ pub fn positions(converters: &ConverterParameters, guard: &GuardParameters) -> (
 #[must_use]
 pub fn drives(parameters: &AmplifierParameters) -> (Volts, Volts) {
     let limit = |millivolts| Volts::from_bits(volts(millivolts));
-    (limit(parameters.physical.drive_min_mv), limit(parameters.physical.drive_max_mv))
+    (
+        limit(parameters.physical.drive_min_mv),
+        limit(parameters.physical.drive_max_mv),
+    )
 }
 
 /// How far a waveform goes below and above its offset, raw; `None` for the points of a table.
@@ -35,9 +41,16 @@ fn reach<Q: Quantity>(waveform: &Waveform<Q>) -> Option<(i64, i64)> {
     let both = |amplitude: i64| Some((-amplitude, amplitude));
     match waveform {
         Waveform::Constant => both(0),
-        Waveform::Multisine { tones } => both(tones.iter().map(|(_, amplitude, _)| size(amplitude)).sum()),
-        Waveform::RoundedTriangle { amplitude, .. } | Waveform::Chirp { amplitude, .. } => both(size(amplitude)),
-        Waveform::QuasiStep { height, .. } => Some((i64::from(height.bits()).min(0), i64::from(height.bits()).max(0))),
+        Waveform::Multisine { tones } => {
+            both(tones.iter().map(|(_, amplitude, _)| size(amplitude)).sum())
+        }
+        Waveform::RoundedTriangle { amplitude, .. } | Waveform::Chirp { amplitude, .. } => {
+            both(size(amplitude))
+        }
+        Waveform::QuasiStep { height, .. } => Some((
+            i64::from(height.bits()).min(0),
+            i64::from(height.bits()).max(0),
+        )),
         Waveform::Table(_) => None,
     }
 }
@@ -45,10 +58,17 @@ fn reach<Q: Quantity>(waveform: &Waveform<Q>) -> Option<(i64, i64)> {
 /// Whether all of a waveform lies within limits of the same quantity. The points of a table are looked at by
 /// whoever writes them.
 #[must_use]
-pub fn is_within<Q: Quantity>(waveform: &Waveform<Q>, offset: Q, (lowest, highest): (Q, Q)) -> bool {
-    let Some((below, above)) = reach(waveform) else { return true };
+pub fn is_within<Q: Quantity>(
+    waveform: &Waveform<Q>,
+    offset: Q,
+    (lowest, highest): (Q, Q),
+) -> bool {
+    let Some((below, above)) = reach(waveform) else {
+        return true;
+    };
     let offset = i64::from(offset.bits());
-    offset + below >= i64::from(lowest.bits()) - ROUNDING && offset + above <= i64::from(highest.bits()) + ROUNDING
+    offset + below >= i64::from(lowest.bits()) - ROUNDING
+        && offset + above <= i64::from(highest.bits()) + ROUNDING
 }
 
 /// Looks at a command before it acts.
@@ -57,11 +77,21 @@ pub fn is_within<Q: Quantity>(waveform: &Waveform<Q>, offset: Q, (lowest, highes
 /// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
 pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
     let within = match command {
-        Command::Reference { waveform, offset } => is_within(waveform, *offset, positions(&parameters.servo.converters, &parameters.guard)),
-        Command::Play { waveform, offset, .. } => is_within(waveform, *offset, drives(parameters)),
+        Command::Reference { waveform, offset } => is_within(
+            waveform,
+            *offset,
+            positions(&parameters.servo.converters, &parameters.guard),
+        ),
+        Command::Play {
+            waveform, offset, ..
+        } => is_within(waveform, *offset, drives(parameters)),
         _ => true,
     };
-    if within { Ok(()) } else { Err(Refusal::BeyondLimits) }
+    if within {
+        Ok(())
+    } else {
+        Err(Refusal::BeyondLimits)
+    }
 }
 
 #[cfg(test)]
@@ -79,8 +109,13 @@ mod tests {
         parameters.servo.converters.adc_step = (15i64 << 40) / 65_536;
         parameters.guard.adc_code_min = SensorCode::new(0);
         parameters.guard.adc_code_max = SensorCode::new(65_535);
-        (parameters.physical.drive_min_mv, parameters.physical.drive_max_mv) = (0, 80_000);
-        let Ok(Line::Control(None, command)) = parse(text, 20_000) else { panic!("{text}") };
+        (
+            parameters.physical.drive_min_mv,
+            parameters.physical.drive_max_mv,
+        ) = (0, 80_000);
+        let Ok(Line::Control(None, command)) = parse(text, 20_000) else {
+            panic!("{text}")
+        };
         check(&command, &parameters).is_ok()
     }
 
@@ -117,9 +152,17 @@ mod tests {
     fn a_zero_that_was_found_moves_the_limits_of_positions() {
         let mut parameters = example();
         parameters.servo.converters.adc_zero = 0;
-        let positions = |parameters: &AmplifierParameters| positions(&parameters.servo.converters, &parameters.guard);
+        let positions = |parameters: &AmplifierParameters| {
+            positions(&parameters.servo.converters, &parameters.guard)
+        };
         let (lowest, highest) = positions(&parameters);
         parameters.servo.converters.adc_zero = -(3 << 24);
-        assert_eq!(positions(&parameters), (lowest - Micrometres::from_num(3), highest - Micrometres::from_num(3)));
+        assert_eq!(
+            positions(&parameters),
+            (
+                lowest - Micrometres::from_num(3),
+                highest - Micrometres::from_num(3)
+            )
+        );
     }
 }

@@ -30,7 +30,11 @@ pub struct Dialect {
 }
 
 /// That of [`crate::command_text`].
-pub const COMMAND_TEXT: Dialect = Dialect { is_stop, single_bytes: &[], stop_waits: false };
+pub const COMMAND_TEXT: Dialect = Dialect {
+    is_stop,
+    single_bytes: &[],
+    stop_waits: false,
+};
 
 /// A line that waited.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,7 +92,14 @@ impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
     /// For a dialect; nothing has come yet.
     #[must_use]
     pub const fn of(dialect: Dialect) -> Self {
-        Self { dialect, line: Vec::new(), overlong: false, store: Deque::new(), complete: 0, before_stop: 0 }
+        Self {
+            dialect,
+            line: Vec::new(),
+            overlong: false,
+            store: Deque::new(),
+            complete: 0,
+            before_stop: 0,
+        }
     }
 
     /// Takes bytes.
@@ -102,7 +113,9 @@ impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
                     self.stop(&[STOP_BYTE], &mut received);
                 }
                 b'\n' | b'\r' => self.end_of_line(&mut received),
-                single if self.dialect.single_bytes.contains(&single) => self.keep(&[single], &mut received),
+                single if self.dialect.single_bytes.contains(&single) => {
+                    self.keep(&[single], &mut received)
+                }
                 other => self.overlong |= self.line.push(other).is_err(),
             }
         }
@@ -170,7 +183,9 @@ mod tests {
     use std::vec::Vec;
 
     fn rest(lines: &mut CommandLines) -> Vec<String> {
-        core::iter::from_fn(|| lines.next()).map(|line| text(&line)).collect()
+        core::iter::from_fn(|| lines.next())
+            .map(|line| text(&line))
+            .collect()
     }
 
     fn text(line: &WaitingLine) -> String {
@@ -185,7 +200,10 @@ mod tests {
             for piece in text.chunks(size) {
                 assert_eq!(lines.receive(piece), Received::default());
             }
-            assert_eq!(rest(&mut lines), ["enable", "reference sine 1000 20 30", "status"]);
+            assert_eq!(
+                rest(&mut lines),
+                ["enable", "reference sine 1000 20 30", "status"]
+            );
             assert_eq!(lines.receive(b"ished\n"), Received::default());
             assert_eq!(rest(&mut lines), ["unfinished"]);
         }
@@ -196,13 +214,24 @@ mod tests {
         for stop in [&b"disable\n"[..], b" stop\r", b"\x18"] {
             let mut lines = CommandLines::new();
             lines.receive(b"enable\nplay sine 1 2 3 4\n");
-            assert!(lines.next().is_some_and(|line| !line.before_stop), "obeyed before the stop came");
+            assert!(
+                lines.next().is_some_and(|line| !line.before_stop),
+                "obeyed before the stop came"
+            );
             assert!(lines.receive(&[stop, b"status\n"].concat()).stop);
-            let rest: Vec<(String, bool)> = core::iter::from_fn(|| lines.next()).map(|line| (text(&line), line.before_stop)).collect();
-            assert_eq!(rest, [("play sine 1 2 3 4".into(), true), ("status".into(), false)]);
+            let rest: Vec<(String, bool)> = core::iter::from_fn(|| lines.next())
+                .map(|line| (text(&line), line.before_stop))
+                .collect();
+            assert_eq!(
+                rest,
+                [("play sine 1 2 3 4".into(), true), ("status".into(), false)]
+            );
         }
         let mut lines = CommandLines::new();
-        assert!(!lines.receive(b"@100 disable\ndisabled\n").stop, "the first waits for its tick, the second stops nothing");
+        assert!(
+            !lines.receive(b"@100 disable\ndisabled\n").stop,
+            "the first waits for its tick, the second stops nothing"
+        );
         assert!(lines.receive(b"ena\x18ble\n").stop);
         assert_eq!(rest(&mut lines), ["@100 disable", "disabled", "ble"]);
     }
@@ -215,19 +244,34 @@ mod tests {
         assert_eq!(rest(&mut lines), ["status"]);
         let received = lines.receive(&b"status\n".repeat(400));
         assert_eq!(received.no_room, 400 - (STORE_BYTES / 7) as u32);
-        assert!(lines.receive(b"stop\n").stop, "a full store holds up no stop");
+        assert!(
+            lines.receive(b"stop\n").stop,
+            "a full store holds up no stop"
+        );
         assert!(core::iter::from_fn(|| lines.next()).all(|line| line.before_stop));
     }
 
     #[test]
     fn single_bytes_and_stops_wait_in_their_turn_where_the_dialect_says_so() {
-        let dialect = Dialect { is_stop: |line| line == b"STP", single_bytes: &[5, 7], stop_waits: true };
+        let dialect = Dialect {
+            is_stop: |line| line == b"STP",
+            single_bytes: &[5, 7],
+            stop_waits: true,
+        };
         let mut lines = CommandLines::<32, 256>::of(dialect);
         assert!(!lines.receive(b"POS? \x05").stop);
         assert!(lines.receive(b"1\nSTP\nERR?\n\x18\x07").stop);
-        let all: Vec<(Vec<u8>, bool)> = core::iter::from_fn(|| lines.next()).map(|line| (line.bytes.to_vec(), line.before_stop)).collect();
-        let expected: [(&[u8], bool); 6] =
-            [(b"\x05", true), (b"POS? 1", true), (b"STP", true), (b"ERR?", true), (b"\x18", false), (b"\x07", false)];
+        let all: Vec<(Vec<u8>, bool)> = core::iter::from_fn(|| lines.next())
+            .map(|line| (line.bytes.to_vec(), line.before_stop))
+            .collect();
+        let expected: [(&[u8], bool); 6] = [
+            (b"\x05", true),
+            (b"POS? 1", true),
+            (b"STP", true),
+            (b"ERR?", true),
+            (b"\x18", false),
+            (b"\x07", false),
+        ];
         assert_eq!(all.len(), expected.len());
         for (line, expected) in all.iter().zip(expected) {
             assert_eq!((line.0.as_slice(), line.1), expected);

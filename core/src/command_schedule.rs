@@ -40,7 +40,11 @@ pub struct CommandSchedule<T> {
 
 impl<T: Copy> Default for CommandSchedule<T> {
     fn default() -> Self {
-        Self { commands: [None; WAITING_COMMANDS], free: ALL_FREE, order: Vec::new() }
+        Self {
+            commands: [None; WAITING_COMMANDS],
+            free: ALL_FREE,
+            order: Vec::new(),
+        }
     }
 }
 
@@ -49,7 +53,11 @@ const ALL_FREE: u32 = (1 << WAITING_COMMANDS) - 1;
 /// Ticks from now until `at`, for a tick counter that begins again at its end; `None` once it has passed.
 fn ticks_until(now: u32, at: u32) -> Option<u32> {
     let ahead = at.wrapping_sub(now);
-    if ahead > LONGEST_WAIT_TICKS && at < now { None } else { Some(ahead) }
+    if ahead > LONGEST_WAIT_TICKS && at < now {
+        None
+    } else {
+        Some(ahead)
+    }
 }
 
 impl<T: Copy> CommandSchedule<T> {
@@ -64,11 +72,21 @@ impl<T: Copy> CommandSchedule<T> {
             Some(_) => return Err(CannotWait::TooFarAhead),
         };
         let place = self.free.trailing_zeros();
-        let free = self.commands.get_mut(place as usize).ok_or(CannotWait::NoRoom)?;
-        self.order.push((at, place as u8)).map_err(|_| CannotWait::NoRoom)?;
+        let free = self
+            .commands
+            .get_mut(place as usize)
+            .ok_or(CannotWait::NoRoom)?;
+        self.order
+            .push((at, place as u8))
+            .map_err(|_| CannotWait::NoRoom)?;
         // It goes before those that are due earlier or came earlier. What has passed is the earliest.
-        let since_long_ago = |(at, _): (u32, u8)| at.wrapping_sub(now).wrapping_add(LONGEST_WAIT_TICKS);
-        for pair in Cell::from_mut(self.order.as_mut_slice()).as_slice_of_cells().windows(2).rev() {
+        let since_long_ago =
+            |(at, _): (u32, u8)| at.wrapping_sub(now).wrapping_add(LONGEST_WAIT_TICKS);
+        for pair in Cell::from_mut(self.order.as_mut_slice())
+            .as_slice_of_cells()
+            .windows(2)
+            .rev()
+        {
             let [before, new] = pair else { break };
             if since_long_ago(before.get()) > since_long_ago(new.get()) {
                 break;
@@ -130,7 +148,10 @@ mod tests {
     #[test]
     fn a_far_tick_holds_nothing_up_and_a_tick_beyond_reach_is_refused() {
         let mut schedule = CommandSchedule::default();
-        assert_eq!(schedule.add(5, 4_000_000_000, Command::Enable, 1), Err(CannotWait::TooFarAhead));
+        assert_eq!(
+            schedule.add(5, 4_000_000_000, Command::Enable, 1),
+            Err(CannotWait::TooFarAhead)
+        );
         assert_eq!(schedule.add(5, 100_000_000, Command::Enable, 1), Ok(()));
         assert_eq!(schedule.add(5, 20, Command::Clear, 2), Ok(()));
         assert_eq!(run(&mut schedule, 6, 100), [(20, 2)]);
@@ -143,7 +164,10 @@ mod tests {
         for (note, at) in [(1, 30), (2, 10), (3, 10), (4, 7), (5, 30)] {
             assert_eq!(schedule.add(10, at, Command::Enable, note), Ok(()));
         }
-        assert_eq!(run(&mut schedule, 10, 40), [(10, 2), (11, 3), (12, 4), (30, 1), (31, 5)]);
+        assert_eq!(
+            run(&mut schedule, 10, 40),
+            [(10, 2), (11, 3), (12, 4), (30, 1), (31, 5)]
+        );
     }
 
     #[test]
@@ -161,7 +185,10 @@ mod tests {
         for note in 0..16 {
             assert_eq!(schedule.add(0, 50, Command::Enable, note), Ok(()));
         }
-        assert_eq!(schedule.add(0, 50, Command::Enable, 16), Err(CannotWait::NoRoom));
+        assert_eq!(
+            schedule.add(0, 50, Command::Enable, 16),
+            Err(CannotWait::NoRoom)
+        );
         assert_eq!(schedule.forget_all(), 16);
         assert_eq!(run(&mut schedule, 0, 100), []);
         assert_eq!(schedule.add(100, 150, Command::Enable, 17), Ok(()));

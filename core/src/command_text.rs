@@ -131,7 +131,11 @@ impl BlockPiece {
     /// What was expected instead.
     pub fn parse(offset: u32, text: &str) -> Result<Self, &'static str> {
         const EXPECTED: &str = "expected up to 32 bytes in hexadecimal";
-        let mut piece = Self { offset, bytes: [0; PIECE_BYTES], count: text.len() / 2 };
+        let mut piece = Self {
+            offset,
+            bytes: [0; PIECE_BYTES],
+            count: text.len() / 2,
+        };
         if piece.count == 0 || piece.count > PIECE_BYTES || !text.len().is_multiple_of(2) {
             return Err(EXPECTED);
         }
@@ -164,7 +168,9 @@ const CONDITIONING_HZ: u32 = 10;
 
 fn sine<Q: Quantity>(increment: u32, amplitude: Q) -> Waveform<Q> {
     let none = (0, Q::of_bits(0), 0);
-    Waveform::Multisine { tones: [(increment, amplitude, 0), none, none, none] }
+    Waveform::Multisine {
+        tones: [(increment, amplitude, 0), none, none, none],
+    }
 }
 
 /// Understands a line for a target with this sampling rate.
@@ -197,12 +203,15 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
     };
     let increment = |millihertz: i32| -> Result<u32, &'static str> {
         let millihertz = u64::try_from(millihertz).map_err(|_| "a frequency is negative")?;
-        u32::try_from((millihertz << 32) / (1000 * u64::from(sample_rate_hz.max(1)))).map_err(|_| "a frequency is above the sampling rate")
+        u32::try_from((millihertz << 32) / (1000 * u64::from(sample_rate_hz.max(1))))
+            .map_err(|_| "a frequency is above the sampling rate")
     };
     let scaled = |value: i32, fraction_bits: u32| -> Result<i32, &'static str> {
-        i32::try_from((i64::from(value) << fraction_bits) / 1000).map_err(|_| "an amplitude or offset is too large")
+        i32::try_from((i64::from(value) << fraction_bits) / 1000)
+            .map_err(|_| "an amplitude or offset is too large")
     };
-    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS).map(Micrometres::from_bits);
+    let micrometres =
+        |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS).map(Micrometres::from_bits);
     let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS).map(Volts::from_bits);
     let ticks = |value: i32| u32::try_from(value).map_err(|_| "a duration is negative");
 
@@ -219,43 +228,88 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("conditioning"), Some("waived")) => Command::RequireConditioning(false),
         (Some("timeout"), Some(_)) => {
             let milliseconds = u32::try_from(number()?).map_err(|_| EXPECTED_TIMEOUT)?;
-            return crate::host_watch::timeout_ticks(milliseconds, sample_rate_hz).map(Line::HostTimeout).ok_or(EXPECTED_TIMEOUT);
+            return crate::host_watch::timeout_ticks(milliseconds, sample_rate_hz)
+                .map(Line::HostTimeout)
+                .ok_or(EXPECTED_TIMEOUT);
         }
         (Some("resonance"), Some(_)) => {
             let frequency_millihertz = u32::try_from(number()?).map_err(|_| EXPECTED_RESONANCE)?;
-            let alarm_pm = u32::try_from(i64::from(number()?) * 1000).map_err(|_| EXPECTED_RESONANCE)?;
-            let watch = ResonanceWatch { frequency_millihertz, alarm_pm };
-            return if watch.accepted(sample_rate_hz) { Ok(Line::Resonance(watch)) } else { Err(EXPECTED_RESONANCE) };
+            let alarm_pm =
+                u32::try_from(i64::from(number()?) * 1000).map_err(|_| EXPECTED_RESONANCE)?;
+            let watch = ResonanceWatch {
+                frequency_millihertz,
+                alarm_pm,
+            };
+            return if watch.accepted(sample_rate_hz) {
+                Ok(Line::Resonance(watch))
+            } else {
+                Err(EXPECTED_RESONANCE)
+            };
         }
         (Some("protect"), None) => return Ok(Line::Protect),
-        (Some("condition"), None) => Command::Condition { cycle_ticks: sample_rate_hz / CONDITIONING_HZ, rest_ticks: sample_rate_hz },
-        (Some("reference"), Some("constant")) => Command::Reference { waveform: Waveform::Constant, offset: micrometres(number()?)? },
+        (Some("condition"), None) => Command::Condition {
+            cycle_ticks: sample_rate_hz / CONDITIONING_HZ,
+            rest_ticks: sample_rate_hz,
+        },
+        (Some("reference"), Some("constant")) => Command::Reference {
+            waveform: Waveform::Constant,
+            offset: micrometres(number()?)?,
+        },
         (Some("reference"), Some("sine")) => {
             let waveform = sine(increment(number()?)?, micrometres(number()?)?);
-            Command::Reference { waveform, offset: micrometres(number()?)? }
+            Command::Reference {
+                waveform,
+                offset: micrometres(number()?)?,
+            }
         }
         (Some("reference"), Some("step")) => {
-            let (height, delay_ticks, duration_ticks) = (micrometres(number()?)?, ticks(number()?)?, ticks(number()?)?);
-            Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: Micrometres::from_bits(0) }
+            let (height, delay_ticks, duration_ticks) = (
+                micrometres(number()?)?,
+                ticks(number()?)?,
+                ticks(number()?)?,
+            );
+            Command::Reference {
+                waveform: Waveform::QuasiStep {
+                    height,
+                    delay_ticks,
+                    duration_ticks,
+                },
+                offset: Micrometres::from_bits(0),
+            }
         }
         (Some("play"), Some("sine")) => {
             let waveform = sine(increment(number()?)?, volts(number()?)?);
-            Command::Play { waveform, offset: volts(number()?)?, ticks: ticks(number()?)? }
+            Command::Play {
+                waveform,
+                offset: volts(number()?)?,
+                ticks: ticks(number()?)?,
+            }
         }
         (Some("play"), Some("chirp")) => {
             let (first, last) = (increment(number()?)?, increment(number()?)?);
-            let (amplitude, offset, duration_ticks) = (volts(number()?)?, volts(number()?)?, ticks(number()?)?);
-            let change = ((i64::from(last) - i64::from(first)) << 8) / i64::from(duration_ticks.max(1));
+            let (amplitude, offset, duration_ticks) =
+                (volts(number()?)?, volts(number()?)?, ticks(number()?)?);
+            let change =
+                ((i64::from(last) - i64::from(first)) << 8) / i64::from(duration_ticks.max(1));
             let change = i32::try_from(change).map_err(|_| "the frequency changes too fast")?;
             Command::Play {
-                waveform: Waveform::Chirp { increment: first, change, amplitude, duration_ticks },
+                waveform: Waveform::Chirp {
+                    increment: first,
+                    change,
+                    amplitude,
+                    duration_ticks,
+                },
                 offset,
                 ticks: duration_ticks,
             }
         }
         (Some("trace"), Some(_)) => {
-            let channels = u8::try_from(number()?).map_err(|_| "channels are a sum of 1, 2, 4, 8, 16")?;
-            return Ok(Line::Trace(Channels(channels), u16::try_from(number()?).map_err(|_| "expected a decimation of at least 1")?));
+            let channels =
+                u8::try_from(number()?).map_err(|_| "channels are a sum of 1, 2, 4, 8, 16")?;
+            return Ok(Line::Trace(
+                Channels(channels),
+                u16::try_from(number()?).map_err(|_| "expected a decimation of at least 1")?,
+            ));
         }
         (Some("identify"), Some(_)) => return Ok(Line::Identify(ticks(number()?)?)),
         (Some("capture"), Some("send")) => return Ok(Line::CaptureSend),
@@ -269,7 +323,11 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             };
             return Ok(Line::Capture(trigger, ticks(number()?)?, ticks(number()?)?));
         }
-        (Some("block"), Some("begin")) => return Ok(Line::BlockBegin(ticks(number()?).map_err(|_| "a length is negative")?)),
+        (Some("block"), Some("begin")) => {
+            return Ok(Line::BlockBegin(
+                ticks(number()?).map_err(|_| "a length is negative")?,
+            ));
+        }
         (Some("block"), Some("data")) => {
             let hexadecimal = verbs.nth(1).ok_or("the bytes are missing")?;
             let offset = u32::try_from(number()?).map_err(|_| "an offset is negative")?;
@@ -278,8 +336,13 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
         (Some("block"), Some("envelope")) => {
             const EXPECTED: &str = "expected the envelope's checksum, 8 hexadecimal digits";
-            let digits = verbs.next().filter(|digits| digits.len() == 8).ok_or(EXPECTED)?;
-            return u32::from_str_radix(digits, 16).map(Line::BlockEnvelope).map_err(|_| EXPECTED);
+            let digits = verbs
+                .next()
+                .filter(|digits| digits.len() == 8)
+                .ok_or(EXPECTED)?;
+            return u32::from_str_radix(digits, 16)
+                .map(Line::BlockEnvelope)
+                .map_err(|_| EXPECTED);
         }
         (Some("block"), Some("swap")) => return Ok(Line::BlockSwap),
         (Some("restart"), None) => return Ok(Line::Restart),
@@ -302,27 +365,74 @@ mod tests {
 
     #[test]
     fn what_is_typed_is_understood() {
-        assert_eq!(parse("enable", 20_000), Ok(Line::Control(None, Command::Enable)));
-        assert_eq!(parse(" @500  disable ", 20_000), Ok(Line::Control(Some(500), Command::Disable)));
+        assert_eq!(
+            parse("enable", 20_000),
+            Ok(Line::Control(None, Command::Enable))
+        );
+        assert_eq!(
+            parse(" @500  disable ", 20_000),
+            Ok(Line::Control(Some(500), Command::Disable))
+        );
         assert_eq!(
             parse("reference constant -2500", 20_000),
-            Ok(Line::Control(None, Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(-2.5) }))
+            Ok(Line::Control(
+                None,
+                Command::Reference {
+                    waveform: Waveform::Constant,
+                    offset: Micrometres::from_num(-2.5)
+                }
+            ))
         );
-        let Ok(Line::Control(None, Command::Reference { waveform: Waveform::Multisine { tones }, offset })) =
-            parse("reference sine 100000 5000 5600", 20_000)
+        let Ok(Line::Control(
+            None,
+            Command::Reference {
+                waveform: Waveform::Multisine { tones },
+                offset,
+            },
+        )) = parse("reference sine 100000 5000 5600", 20_000)
         else {
             panic!()
         };
-        assert_eq!((tones[0], offset), ((21_474_836, Micrometres::from_num(5), 0), Micrometres::from_bits(93_952_409)));
-        assert_eq!(parse("trace 31 1", 20_000), Ok(Line::Trace(Channels::ALL, 1)));
+        assert_eq!(
+            (tones[0], offset),
+            (
+                (21_474_836, Micrometres::from_num(5), 0),
+                Micrometres::from_bits(93_952_409)
+            )
+        );
+        assert_eq!(
+            parse("trace 31 1", 20_000),
+            Ok(Line::Trace(Channels::ALL, 1))
+        );
         assert_eq!(parse("timeout 250", 20_000), Ok(Line::HostTimeout(5000)));
         assert_eq!(parse("timeout 0", 20_000), Ok(Line::HostTimeout(0)));
-        let watch = ResonanceWatch { frequency_millihertz: 735_000, alarm_pm: 20_000 };
-        assert_eq!(parse("resonance 735000 20", 20_000), Ok(Line::Resonance(watch)));
-        assert_eq!(parse("resonance 0 0", 20_000), Ok(Line::Resonance(ResonanceWatch::default())));
-        assert_eq!(parse("conditioning waived", 20_000), Ok(Line::Control(None, Command::RequireConditioning(false))));
+        let watch = ResonanceWatch {
+            frequency_millihertz: 735_000,
+            alarm_pm: 20_000,
+        };
+        assert_eq!(
+            parse("resonance 735000 20", 20_000),
+            Ok(Line::Resonance(watch))
+        );
+        assert_eq!(
+            parse("resonance 0 0", 20_000),
+            Ok(Line::Resonance(ResonanceWatch::default()))
+        );
+        assert_eq!(
+            parse("conditioning waived", 20_000),
+            Ok(Line::Control(None, Command::RequireConditioning(false)))
+        );
         assert_eq!(parse("protect", 20_000), Ok(Line::Protect));
-        assert_eq!(parse("condition", 20_000), Ok(Line::Control(None, Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 })));
+        assert_eq!(
+            parse("condition", 20_000),
+            Ok(Line::Control(
+                None,
+                Command::Condition {
+                    cycle_ticks: 2000,
+                    rest_ticks: 20_000
+                }
+            ))
+        );
     }
 
     #[test]
@@ -332,21 +442,33 @@ mod tests {
         write_upload(&block, &mut text).expect("written");
         let mut received = vec![0; 100];
         let mut lines = text.lines();
-        assert_eq!(lines.next().map(|line| parse(line, 20_000)), Some(Ok(Line::BlockBegin(100))));
+        assert_eq!(
+            lines.next().map(|line| parse(line, 20_000)),
+            Some(Ok(Line::BlockBegin(100)))
+        );
         for line in lines {
             assert!(line.len() < 96);
             match parse(line, 20_000) {
                 Ok(Line::BlockData(piece)) => {
-                    received[piece.offset()..piece.offset() + piece.bytes().len()].copy_from_slice(piece.bytes());
+                    received[piece.offset()..piece.offset() + piece.bytes().len()]
+                        .copy_from_slice(piece.bytes());
                 }
                 other => assert_eq!(other, Ok(Line::BlockCommit)),
             }
         }
         assert_eq!(received, block);
-        assert_eq!(parse("capture fault 100 200", 20_000), Ok(Line::Capture(Trigger::Fault, 100, 200)));
+        assert_eq!(
+            parse("capture fault 100 200", 20_000),
+            Ok(Line::Capture(Trigger::Fault, 100, 200))
+        );
         assert_eq!(parse("block swap", 20_000), Ok(Line::BlockSwap));
-        assert_eq!(parse("block envelope 0012abcd", 20_000), Ok(Line::BlockEnvelope(0x12_abcd)));
-        assert!(parse("block envelope 12", 20_000).is_err() && parse("block envelope", 20_000).is_err());
+        assert_eq!(
+            parse("block envelope 0012abcd", 20_000),
+            Ok(Line::BlockEnvelope(0x12_abcd))
+        );
+        assert!(
+            parse("block envelope 12", 20_000).is_err() && parse("block envelope", 20_000).is_err()
+        );
         assert_eq!(parse("identify 40000", 20_000), Ok(Line::Identify(40_000)));
     }
 

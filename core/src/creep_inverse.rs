@@ -85,16 +85,30 @@ impl CreepInverse {
             return Self::default();
         }
         let mut states = [Integrating::default(); CREEP_TERMS];
-        for (state, threshold) in states.iter_mut().zip(&parameters.thresholds).take(usize::from(parameters.terms)) {
+        for (state, threshold) in states
+            .iter_mut()
+            .zip(&parameters.thresholds)
+            .take(usize::from(parameters.terms))
+        {
             *state = Integrating::at(beyond(applied, *threshold));
         }
-        Self { states, pair: [Integrating::at(applied), Integrating::default()] }
+        Self {
+            states,
+            pair: [Integrating::at(applied), Integrating::default()],
+        }
     }
 
     /// The state of rest at a position.
     #[must_use]
-    pub fn at_rest(parameters: &CreepInverseParameters, position: i32, saturated: &mut u32) -> Self {
-        let asked = crate::signal::saturate((i64::from(position) * i64::from(parameters.at_rest)) >> 28, saturated);
+    pub fn at_rest(
+        parameters: &CreepInverseParameters,
+        position: i32,
+        saturated: &mut u32,
+    ) -> Self {
+        let asked = crate::signal::saturate(
+            (i64::from(position) * i64::from(parameters.at_rest)) >> 28,
+            saturated,
+        );
         Self::applied_for_ever(parameters, asked)
     }
 
@@ -114,24 +128,43 @@ impl CreepInverse {
             return of_terms;
         }
         let [position, velocity] = &self.pair;
-        of_terms.saturating_add(parameters.pair_shares.apply(&[position.state, velocity.state], saturated))
+        of_terms.saturating_add(
+            parameters
+                .pair_shares
+                .apply(&[position.state, velocity.state], saturated),
+        )
     }
 
     /// What to ask for now so that `wanted` comes out.
     #[inline]
     #[must_use]
-    pub fn ask(&self, parameters: &CreepInverseParameters, wanted: i32, saturated: &mut u32) -> i32 {
+    pub fn ask(
+        &self,
+        parameters: &CreepInverseParameters,
+        wanted: i32,
+        saturated: &mut u32,
+    ) -> i32 {
         wanted.saturating_sub(self.creep(parameters, saturated))
     }
 
     /// One period in which this was applied.
     #[inline]
-    pub fn follow(&mut self, parameters: &CreepInverseParameters, applied: i32, saturated: &mut u32) {
+    pub fn follow(
+        &mut self,
+        parameters: &CreepInverseParameters,
+        applied: i32,
+        saturated: &mut u32,
+    ) {
         if parameters.is_off() {
             return;
         }
         let coefficients = parameters.rates.iter().zip(&parameters.thresholds);
-        for (state, (rate, threshold)) in self.states.iter_mut().zip(coefficients).take(usize::from(parameters.terms)) {
+        for (state, (rate, threshold)) in self
+            .states
+            .iter_mut()
+            .zip(coefficients)
+            .take(usize::from(parameters.terms))
+        {
             let way = beyond(applied.saturating_sub(state.state), *threshold);
             state.add::<RATE_FRACTION_BITS>(*rate, way, saturated);
         }
@@ -171,7 +204,10 @@ mod tests {
 
     /// Terms as share, time constant and threshold.
     fn parameters(terms: &[(f64, f64, f64)]) -> CreepInverseParameters {
-        let mut out = CreepInverseParameters { terms: terms.len() as u8, ..CreepInverseParameters::default() };
+        let mut out = CreepInverseParameters {
+            terms: terms.len() as u8,
+            ..CreepInverseParameters::default()
+        };
         for (i, (share, tau_s, threshold_um)) in terms.iter().enumerate() {
             out.shares.coefficients[i] = (share * f64::from(1 << 26)) as i32;
             out.rates[i] = (-(-PERIOD_S / tau_s).exp_m1() * RATE) as i32;
@@ -188,7 +224,12 @@ mod tests {
     /// Closed form: creep of the answer, integrated in f64, gives back what was wanted.
     #[test]
     fn creep_of_the_answer_is_what_was_wanted() {
-        let terms = [(0.02, 0.02, 0.0), (-0.01, 0.1, 0.0), (0.05, 2.0, 0.0), (0.02, 0.3, 0.4)];
+        let terms = [
+            (0.02, 0.02, 0.0),
+            (-0.01, 0.1, 0.0),
+            (0.05, 2.0, 0.0),
+            (0.02, 0.3, 0.4),
+        ];
         let p = parameters(&terms);
         let mut saturated = 0;
         let mut inverse = CreepInverse::at_rest(&p, 0, &mut saturated);
@@ -199,7 +240,10 @@ mod tests {
             inverse.follow(&p, asked_raw, &mut saturated);
             let asked = f64::from(asked_raw) / UM;
             let reached = asked + terms.iter().zip(&z).map(|(t, z)| t.0 * z).sum::<f64>();
-            assert!((reached - wanted_um).abs() < 2e-5, "{k}: {reached} {wanted_um}");
+            assert!(
+                (reached - wanted_um).abs() < 2e-5,
+                "{k}: {reached} {wanted_um}"
+            );
             for (state, (_, tau_s, threshold_um)) in z.iter_mut().zip(&terms) {
                 *state += -(-PERIOD_S / tau_s).exp_m1() * dead(asked - *state, *threshold_um);
             }
@@ -216,7 +260,10 @@ mod tests {
         let advance = |z: &mut f64, v: &mut f64, x: f64, steps: u32| {
             for _ in 0..steps {
                 // The midpoint rule: an error of 1e-10 of the way in a period.
-                let (dz, dv) = (natural * *v, natural * (x - *z) - 2.0 * damping * natural * *v);
+                let (dz, dv) = (
+                    natural * *v,
+                    natural * (x - *z) - 2.0 * damping * natural * *v,
+                );
                 let (mz, mv) = (*z + 0.5 * fine_s * dz, *v + 0.5 * fine_s * dv);
                 *z += fine_s * natural * mv;
                 *v += fine_s * (natural * (x - mz) - 2.0 * damping * natural * mv);
@@ -230,19 +277,35 @@ mod tests {
         };
         let (by_way, by_velocity) = (column(0.0, 0.0, 1.0), column(0.0, 1.0, 0.0));
         let rate = |value: f64| (value * RATE) as i32;
-        let mut p = CreepInverseParameters { pair: true, ..CreepInverseParameters::default() };
-        p.pair_rates = [rate(by_way[0]), rate(by_velocity[0]), rate(by_way[1]), rate(by_velocity[1])];
-        p.pair_shares.coefficients = [share, of_velocity].map(|s: f64| (s * f64::from(1 << 26)) as i32);
+        let mut p = CreepInverseParameters {
+            pair: true,
+            ..CreepInverseParameters::default()
+        };
+        p.pair_rates = [
+            rate(by_way[0]),
+            rate(by_velocity[0]),
+            rate(by_way[1]),
+            rate(by_velocity[1]),
+        ];
+        p.pair_shares.coefficients =
+            [share, of_velocity].map(|s: f64| (s * f64::from(1 << 26)) as i32);
         let mut saturated = 0;
         let mut inverse = CreepInverse::applied_for_ever(&p, 0);
         let (mut z, mut v) = (0.0, 0.0);
         for k in 0..60_000 {
-            let wanted_um = if k < 1000 { 0.0 } else { 5.0 + 3.0 * (f64::from(k) * 1e-3).sin() };
+            let wanted_um = if k < 1000 {
+                0.0
+            } else {
+                5.0 + 3.0 * (f64::from(k) * 1e-3).sin()
+            };
             let asked_raw = inverse.ask(&p, (wanted_um * UM) as i32, &mut saturated);
             inverse.follow(&p, asked_raw, &mut saturated);
             let asked = f64::from(asked_raw) / UM;
             let reached = asked + share * z + of_velocity * v;
-            assert!((reached - wanted_um).abs() < 5e-5, "{k}: {reached} {wanted_um}");
+            assert!(
+                (reached - wanted_um).abs() < 5e-5,
+                "{k}: {reached} {wanted_um}"
+            );
             advance(&mut z, &mut v, asked, 20);
         }
         assert_eq!(saturated, 0);
@@ -260,9 +323,17 @@ mod tests {
                 asked
             })
             .collect();
-        assert!(asked.iter().all(|now| (now - asked[0]).abs() < 64), "{} {:?}", asked[0], asked.last());
+        assert!(
+            asked.iter().all(|now| (now - asked[0]).abs() < 64),
+            "{} {:?}",
+            asked[0],
+            asked.last()
+        );
         let none = CreepInverseParameters::default();
-        assert_eq!(CreepInverse::at_rest(&none, 77, &mut saturated).ask(&none, 1234, &mut saturated), 1234);
+        assert_eq!(
+            CreepInverse::at_rest(&none, 77, &mut saturated).ask(&none, 1234, &mut saturated),
+            1234
+        );
     }
 
     #[test]

@@ -72,7 +72,10 @@ where
         let mut unchanged = self.pairs.len();
         if input > self.input {
             if let Some(maximum) = self.open_maximum.take() {
-                unchanged = self.close(Pair { maximum, minimum: self.input });
+                unchanged = self.close(Pair {
+                    maximum,
+                    minimum: self.input,
+                });
             }
             while let Some(last) = self.pairs.last() {
                 if input < last.maximum {
@@ -187,7 +190,11 @@ mod tests {
         let mut want_maximum = true;
         while from < history.len() {
             let slice = &history[from..];
-            let best = if want_maximum { *slice.iter().max().unwrap() } else { *slice.iter().min().unwrap() };
+            let best = if want_maximum {
+                *slice.iter().max().unwrap()
+            } else {
+                *slice.iter().min().unwrap()
+            };
             let at = from + slice.iter().rposition(|v| *v == best).unwrap();
             extrema.push(best);
             want_maximum = !want_maximum;
@@ -215,7 +222,13 @@ mod tests {
         for u in [10, 30, 60, 40, 20, 30, 45] {
             stack.update(u);
         }
-        assert_eq!(stack.pairs(), &[Pair { maximum: 60, minimum: 20 }]);
+        assert_eq!(
+            stack.pairs(),
+            &[Pair {
+                maximum: 60,
+                minimum: 20
+            }]
+        );
         stack.update(30);
         assert_eq!(stack.open_maximum(), Some(45));
         stack.update(61);

@@ -45,7 +45,10 @@ pub struct Notch {
 
 impl Notch {
     /// None.
-    pub const OFF: Self = Self { frequency_millihertz: 0, width_millihertz: 0 };
+    pub const OFF: Self = Self {
+        frequency_millihertz: 0,
+        width_millihertz: 0,
+    };
 
     /// The width that counts.
     #[must_use]
@@ -75,7 +78,9 @@ fn times(a: i64, b: i64) -> i64 {
 /// The quotient of two numbers below 8; the divisor is not zero.
 #[inline(never)]
 fn over(a: i64, b: i64) -> i64 {
-    (i128::from(a) << BITS).checked_div(i128::from(b)).map_or(0, |quotient| quotient as i64)
+    (i128::from(a) << BITS)
+        .checked_div(i128::from(b))
+        .map_or(0, |quotient| quotient as i64)
 }
 
 /// Sine and cosine of an angle from 0 to pi/2.
@@ -97,7 +102,10 @@ fn sine_and_cosine(angle: i64) -> (i64, i64) {
 /// `tan(pi f / f_s)`, which is below 7 for a frequency that is accepted.
 #[inline(never)]
 fn tangent(millihertz: u32, sample_rate_hz: u32) -> i64 {
-    let share = over(i64::from(millihertz), i64::from(sample_rate_hz.max(1)) * 1000);
+    let share = over(
+        i64::from(millihertz),
+        i64::from(sample_rate_hz.max(1)) * 1000,
+    );
     let (sine, cosine) = sine_and_cosine(times(PI, share));
     over(sine, cosine.max(1))
 }
@@ -115,12 +123,17 @@ fn rounded(value: i128) -> i32 {
 
 impl FilterSetting {
     /// None of them.
-    pub const OFF: Self = Self { notches: [Notch::OFF; 2], low_pass_millihertz: 0 };
+    pub const OFF: Self = Self {
+        notches: [Notch::OFF; 2],
+        low_pass_millihertz: 0,
+    };
 
     /// Whether every section of it can be had.
     #[must_use]
     pub fn accepted(&self, sample_rate_hz: u32) -> bool {
-        [Place::Notch1, Place::Notch2, Place::LowPass].iter().all(|place| self.row(*place, sample_rate_hz).is_ok())
+        [Place::Notch1, Place::Notch2, Place::LowPass]
+            .iter()
+            .all(|place| self.row(*place, sample_rate_hz).is_ok())
     }
 
     /// The integers of a section.
@@ -132,12 +145,18 @@ impl FilterSetting {
         let highest = u64::from(sample_rate_hz) * 1000 * HIGHEST_SHARE / 1024;
         let within = |lowest: u32, millihertz: u32| {
             let accepted = millihertz >= lowest && u64::from(millihertz) <= highest;
-            if accepted { Ok(tangent(millihertz, sample_rate_hz)) } else { Err(EXPECTED_FILTER) }
+            if accepted {
+                Ok(tangent(millihertz, sample_rate_hz))
+            } else {
+                Err(EXPECTED_FILTER)
+            }
         };
         let [first, second] = &self.notches;
         let notch = match place {
             Place::LowPass if self.low_pass_millihertz == 0 => return Ok(PASSES),
-            Place::LowPass => return within(LOWEST_MILLIHERTZ, self.low_pass_millihertz).map(low_pass),
+            Place::LowPass => {
+                return within(LOWEST_MILLIHERTZ, self.low_pass_millihertz).map(low_pass);
+            }
             Place::Notch1 => first,
             Place::Notch2 => second,
         };
@@ -145,7 +164,10 @@ impl FilterSetting {
             return Ok(PASSES);
         }
         let centre = within(LOWEST_MILLIHERTZ, notch.frequency_millihertz)?;
-        Ok(notch_row(centre, within(NARROWEST_MILLIHERTZ, notch.width())?))
+        Ok(notch_row(
+            centre,
+            within(NARROWEST_MILLIHERTZ, notch.width())?,
+        ))
     }
 }
 
@@ -158,7 +180,9 @@ fn notch_row(centre: i64, width: i64) -> SectionRow {
     let cosine = share(one - square, one + square);
     let (b, middle) = (rounded(b), rounded(-2 * ((b * cosine) >> BITS)));
     let last = 2 * b - (1 << SECTION_FRACTION_BITS);
-    SectionRow { coefficients: [b, middle, b, -middle, -last] }
+    SectionRow {
+        coefficients: [b, middle, b, -middle, -last],
+    }
 }
 
 fn low_pass(tangent: i64) -> SectionRow {
@@ -167,8 +191,19 @@ fn low_pass(tangent: i64) -> SectionRow {
     let damping = (i128::from(ROOT_2) * t) >> BITS;
     let all = one + damping + square;
     let ends = rounded(share(square, all));
-    let (a1, a2) = (rounded(2 * share(square - one, all)), rounded(share(one - damping + square, all)));
-    SectionRow { coefficients: [ends, (1 << SECTION_FRACTION_BITS) + a1 + a2 - 2 * ends, ends, -a1, -a2] }
+    let (a1, a2) = (
+        rounded(2 * share(square - one, all)),
+        rounded(share(one - damping + square, all)),
+    );
+    SectionRow {
+        coefficients: [
+            ends,
+            (1 << SECTION_FRACTION_BITS) + a1 + a2 - 2 * ends,
+            ends,
+            -a1,
+            -a2,
+        ],
+    }
 }
 
 #[cfg(test)]
@@ -177,7 +212,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn real(row: &SectionRow) -> [f64; 5] {
-        row.coefficients.map(|c| f64::from(c) / f64::from(1 << SECTION_FRACTION_BITS))
+        row.coefficients
+            .map(|c| f64::from(c) / f64::from(1 << SECTION_FRACTION_BITS))
     }
 
     proptest! {
@@ -214,8 +250,20 @@ mod tests {
     #[test]
     fn what_is_beyond_the_limits_is_refused() {
         let with = |frequency_millihertz, width_millihertz, low_pass_millihertz| {
-            let setting = FilterSetting { notches: [Notch { frequency_millihertz, width_millihertz }, Notch::OFF], low_pass_millihertz };
-            (setting.row(Place::Notch1, 20_000).is_ok(), setting.row(Place::LowPass, 20_000).is_ok())
+            let setting = FilterSetting {
+                notches: [
+                    Notch {
+                        frequency_millihertz,
+                        width_millihertz,
+                    },
+                    Notch::OFF,
+                ],
+                low_pass_millihertz,
+            };
+            (
+                setting.row(Place::Notch1, 20_000).is_ok(),
+                setting.row(Place::LowPass, 20_000).is_ok(),
+            )
         };
         assert_eq!(with(735_000, 0, 1_000_000), (true, true));
         assert_eq!(with(9_999, 0, 9_999), (false, false));

@@ -94,8 +94,15 @@ impl Request {
 
     fn read(word: Option<Word>) -> Option<Self> {
         let word = word?;
-        let number = |nth: usize| Some(u32::from_le_bytes(word.get(4 * nth..4 * nth + 4)?.try_into().ok()?));
-        let request = Self { bytes: number(1)?, checksum: number(2)? };
+        let number = |nth: usize| {
+            Some(u32::from_le_bytes(
+                word.get(4 * nth..4 * nth + 4)?.try_into().ok()?,
+            ))
+        };
+        let request = Self {
+            bytes: number(1)?,
+            checksum: number(2)?,
+        };
         (request.word() == word).then_some(request)
     }
 }
@@ -144,8 +151,13 @@ pub enum Progress {
 }
 
 /// Reads a journal with a function that reads a word. The request; whether the end was reported.
-pub fn journal(journal: u32, mut word: impl FnMut(u32) -> Option<Word>) -> (Progress, Option<Request>, bool) {
-    let Some(request) = Request::read(word(journal)) else { return (Progress::Nothing, None, true) };
+pub fn journal(
+    journal: u32,
+    mut word: impl FnMut(u32) -> Option<Word>,
+) -> (Progress, Option<Request>, bool) {
+    let Some(request) = Request::read(word(journal)) else {
+        return (Progress::Nothing, None, true);
+    };
     let mut is = |mark: Mark| word(mark.address(journal)) != Some(ERASED);
     let (installed, ended) = (is(Mark::Installed), is(Mark::Ended));
     let progress = match (ended, installed) {
@@ -171,8 +183,16 @@ pub enum Start {
 }
 
 /// Whether an image is in bounds, can be read and has its checksum.
-pub fn is_intact(places: &Places, at: u32, request: &Request, mut word: impl FnMut(u32) -> Option<Word>) -> bool {
-    if request.bytes == 0 || request.bytes > places.image_bytes || !request.bytes.is_multiple_of(STRIDE) {
+pub fn is_intact(
+    places: &Places,
+    at: u32,
+    request: &Request,
+    mut word: impl FnMut(u32) -> Option<Word>,
+) -> bool {
+    if request.bytes == 0
+        || request.bytes > places.image_bytes
+        || !request.bytes.is_multiple_of(STRIDE)
+    {
         return false;
     }
     let mut sum = Crc32::new();
@@ -198,7 +218,9 @@ fn copy<F: UpdateFlash>(flash: &mut F, places: &Places, from: u32, to: u32, byte
             return false;
         }
         for offset in (sector..(sector + places.sector_bytes).min(bytes)).step_by(WORD_BYTES) {
-            let Some(word) = flash.word(from + offset) else { return false };
+            let Some(word) = flash.word(from + offset) else {
+                return false;
+            };
             let written = word == ERASED || flash.program(to + offset, &word);
             if !written || flash.word(to + offset) != Some(word) {
                 return false;
@@ -210,7 +232,14 @@ fn copy<F: UpdateFlash>(flash: &mut F, places: &Places, from: u32, to: u32, byte
 
 /// Puts the previous image back.
 fn restore<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
-    if copy(flash, places, places.previous, places.running, places.image_bytes) && mark(flash, places, Mark::Ended) {
+    if copy(
+        flash,
+        places,
+        places.previous,
+        places.running,
+        places.image_bytes,
+    ) && mark(flash, places, Mark::Ended)
+    {
         Start::Usual
     } else {
         Start::Nothing
@@ -220,14 +249,27 @@ fn restore<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
 /// Brings the running image to what the journal asks for. It may be cut off anywhere and begun again.
 pub fn prepare<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
     let (progress, request, _) = journal(places.journal, |address| flash.word(address));
-    let Some(request) = request else { return Start::Usual };
+    let Some(request) = request else {
+        return Start::Usual;
+    };
     match progress {
-        Progress::Nothing | Progress::Confirmed | Progress::NotInstalled | Progress::RolledBack => return Start::Usual,
+        Progress::Nothing | Progress::Confirmed | Progress::NotInstalled | Progress::RolledBack => {
+            return Start::Usual;
+        }
         // It was started once and has not become healthy.
         Progress::Trial => return restore(flash, places),
         Progress::Requested => {
-            let is_whole = is_intact(places, places.incoming, &request, |address| flash.word(address));
-            let saved = is_whole && copy(flash, places, places.running, places.previous, places.image_bytes);
+            let is_whole = is_intact(places, places.incoming, &request, |address| {
+                flash.word(address)
+            });
+            let saved = is_whole
+                && copy(
+                    flash,
+                    places,
+                    places.running,
+                    places.previous,
+                    places.image_bytes,
+                );
             // Nothing of the running image is erased before the mark reads as set: a second start would take
             // what is left of it for an image.
             if !(saved && mark(flash, places, Mark::Saved)) {
@@ -237,14 +279,27 @@ pub fn prepare<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
         }
         Progress::Saved => {
             // The running image may be half erased.
-            if !is_intact(places, places.incoming, &request, |address| flash.word(address)) {
+            if !is_intact(places, places.incoming, &request, |address| {
+                flash.word(address)
+            }) {
                 return restore(flash, places);
             }
         }
     }
-    let installed = copy(flash, places, places.incoming, places.running, request.bytes)
-        && is_intact(places, places.running, &request, |address| flash.word(address));
-    if installed && mark(flash, places, Mark::Installed) { Start::Trial } else { restore(flash, places) }
+    let installed = copy(
+        flash,
+        places,
+        places.incoming,
+        places.running,
+        request.bytes,
+    ) && is_intact(places, places.running, &request, |address| {
+        flash.word(address)
+    });
+    if installed && mark(flash, places, Mark::Installed) {
+        Start::Trial
+    } else {
+        restore(flash, places)
+    }
 }
 
 /// Where an image says what it is, from its beginning: behind the vectors.
@@ -281,15 +336,27 @@ const fn padded(text: &str) -> [u8; 16] {
 /// The characters of a text of a header.
 #[must_use]
 pub fn text(field: &[u8; 16]) -> &str {
-    let end = field.iter().position(|byte| !byte.is_ascii_graphic()).unwrap_or(field.len());
-    field.get(..end).and_then(|bytes| core::str::from_utf8(bytes).ok()).unwrap_or_default()
+    let end = field
+        .iter()
+        .position(|byte| !byte.is_ascii_graphic())
+        .unwrap_or(field.len());
+    field
+        .get(..end)
+        .and_then(|bytes| core::str::from_utf8(bytes).ok())
+        .unwrap_or_default()
 }
 
 impl ImageHeader {
     /// Of an image.
     #[must_use]
     pub const fn new(board: &str, front_end: &str, version: &str, sample_rate_hz: u32) -> Self {
-        Self { magic: HEADER_MAGIC, sample_rate_hz, board: padded(board), front_end: padded(front_end), version: padded(version) }
+        Self {
+            magic: HEADER_MAGIC,
+            sample_rate_hz,
+            board: padded(board),
+            front_end: padded(front_end),
+            version: padded(version),
+        }
     }
 
     /// Reads one, and the length of its image, from what stands at [`HEADER_OFFSET`].
@@ -337,7 +404,10 @@ mod tests {
 
     impl Cut {
         fn draw(&mut self) -> u32 {
-            self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            self.random = self
+                .random
+                .wrapping_mul(1_664_525)
+                .wrapping_add(1_013_904_223);
             self.random >> 24
         }
 
@@ -404,7 +474,15 @@ mod tests {
     }
 
     fn image(tag: u8) -> Vec<Option<Word>> {
-        (0..IMAGE_WORDS).map(|nth| Some(if nth == 4 { ERASED } else { [tag.wrapping_add(nth as u8); WORD_BYTES] })).collect()
+        (0..IMAGE_WORDS)
+            .map(|nth| {
+                Some(if nth == 4 {
+                    ERASED
+                } else {
+                    [tag.wrapping_add(nth as u8); WORD_BYTES]
+                })
+            })
+            .collect()
     }
 
     fn requested() -> Cut {
@@ -414,15 +492,30 @@ mod tests {
         words[28..28 + IMAGE_WORDS].copy_from_slice(&new);
         let mut sum = Crc32::new();
         new.iter().flatten().for_each(|word| sum.update(word));
-        words[40] = Some(Request { bytes: IMAGE_WORDS as u32 * STRIDE, checksum: sum.value() }.word());
-        Cut { words, left: None, off: false, random: 1, done: 0 }
+        words[40] = Some(
+            Request {
+                bytes: IMAGE_WORDS as u32 * STRIDE,
+                checksum: sum.value(),
+            }
+            .word(),
+        );
+        Cut {
+            words,
+            left: None,
+            off: false,
+            random: 1,
+            done: 0,
+        }
     }
 
     #[test]
     fn a_whole_image_is_installed_on_trial_and_kept_when_healthy() {
         let mut flash = requested();
         assert_eq!(prepare(&mut flash, &PLACES), Start::Trial);
-        assert_eq!((flash.image(PLACES.running), flash.image(PLACES.previous)), (&image(100)[..], &image(10)[..]));
+        assert_eq!(
+            (flash.image(PLACES.running), flash.image(PLACES.previous)),
+            (&image(100)[..], &image(10)[..])
+        );
         assert!(mark(&mut flash, &PLACES, Mark::Healthy));
         assert_eq!(prepare(&mut flash, &PLACES), Start::Usual);
         assert_eq!(flash.image(PLACES.running), &image(100)[..]);
@@ -437,7 +530,11 @@ mod tests {
         let (progress, _, reported) = journal(PLACES.journal, |address| flash.word(address));
         assert_eq!((progress, reported), (Progress::RolledBack, false));
         let done = flash.done;
-        assert_eq!((prepare(&mut flash, &PLACES), flash.done), (Start::Usual, done), "and then nothing is written");
+        assert_eq!(
+            (prepare(&mut flash, &PLACES), flash.done),
+            (Start::Usual, done),
+            "and then nothing is written"
+        );
     }
 
     #[test]
@@ -474,10 +571,17 @@ mod tests {
                     }
                     (flash.left, flash.off) = (None, false);
                     let start = prepare(&mut flash, &PLACES);
-                    assert_ne!(start, Start::Nothing, "cut at {first}, {second:?}, {random}");
+                    assert_ne!(
+                        start,
+                        Start::Nothing,
+                        "cut at {first}, {second:?}, {random}"
+                    );
                     let running = flash.image(PLACES.running);
                     let is_new = running == image(100);
-                    assert!(is_new || running == image(10), "cut at {first}, {second:?}, {random}: {start:?}");
+                    assert!(
+                        is_new || running == image(10),
+                        "cut at {first}, {second:?}, {random}: {start:?}"
+                    );
                     outcomes[usize::from(is_new)] += 1;
                 }
             }
@@ -492,11 +596,18 @@ mod tests {
         bytes[..4].copy_from_slice(&1234u32.to_le_bytes());
         bytes[4..12].copy_from_slice(b"HYSTERON");
         bytes[12..16].copy_from_slice(&20_000u32.to_le_bytes());
-        for (at, field) in [(16, header.board), (32, header.front_end), (48, header.version)] {
+        for (at, field) in [
+            (16, header.board),
+            (32, header.front_end),
+            (48, header.version),
+        ] {
             bytes[at..at + 16].copy_from_slice(&field);
         }
         assert_eq!(ImageHeader::read(&bytes), Some((1234, header)));
-        assert_eq!((text(&header.board), text(&header.version)), ("NUCLEO-H743ZI2", "0.1.0"));
+        assert_eq!(
+            (text(&header.board), text(&header.version)),
+            ("NUCLEO-H743ZI2", "0.1.0")
+        );
         bytes[4] = b'X';
         assert_eq!(ImageHeader::read(&bytes), None);
     }

@@ -135,7 +135,12 @@ impl GainAdaptation {
     /// Believes the model of a law; without one nothing is adapted.
     pub fn begin(&mut self, law: Option<&PredictorParameters>) {
         self.on = law.is_some();
-        (self.gain, self.inverse, self.bounded_windows, self.preparing) = (ONE, ONE, 0, None);
+        (
+            self.gain,
+            self.inverse,
+            self.bounded_windows,
+            self.preparing,
+        ) = (ONE, ONE, 0, None);
         self.wait();
         if let Some(law) = law {
             self.base = law.of_gain();
@@ -178,7 +183,13 @@ impl GainAdaptation {
     }
 
     fn begin_window(&mut self) {
-        (self.sums, self.ticks, self.blocks, self.product, self.square) = ([0; 2], 0, 0, 0, 0);
+        (
+            self.sums,
+            self.ticks,
+            self.blocks,
+            self.product,
+            self.square,
+        ) = ([0; 2], 0, 0, 0, 0);
     }
 
     /// Behind each tick of the law: its unknown input and its feedforward for the next period, um with 24
@@ -204,7 +215,10 @@ impl GainAdaptation {
             return None;
         }
         let [unknowns, feedforwards] = self.sums;
-        self.sums = [unknowns.saturating_add(unknown >> MEAN_SHIFT), feedforwards.saturating_add(feedforward >> MEAN_SHIFT)];
+        self.sums = [
+            unknowns.saturating_add(unknown >> MEAN_SHIFT),
+            feedforwards.saturating_add(feedforward >> MEAN_SHIFT),
+        ];
         self.ticks += 1;
         if self.ticks >= BLOCK_TICKS {
             self.end_block(parameters);
@@ -215,7 +229,10 @@ impl GainAdaptation {
     #[inline(never)]
     fn end_block(&mut self, parameters: &AdaptationParameters) {
         let means = core::mem::take(&mut self.sums);
-        let changes = [means[0].saturating_sub(self.before[0]), means[1].saturating_sub(self.before[1])];
+        let changes = [
+            means[0].saturating_sub(self.before[0]),
+            means[1].saturating_sub(self.before[1]),
+        ];
         self.before = means;
         self.ticks = 0;
         if self.blocks > 0 {
@@ -236,9 +253,20 @@ impl GainAdaptation {
     fn step(&mut self, parameters: &AdaptationParameters) {
         // Places that the quotient is below one; an unknown input larger than the motion counts as large as
         // it.
-        let places = self.product.unsigned_abs().leading_zeros().saturating_sub(self.square.leading_zeros());
-        let relative = ONE.checked_shr(places + STEP_SHIFT).unwrap_or(0).min(parameters.most_step);
-        let step = if self.product < 0 { -relative } else { relative };
+        let places = self
+            .product
+            .unsigned_abs()
+            .leading_zeros()
+            .saturating_sub(self.square.leading_zeros());
+        let relative = ONE
+            .checked_shr(places + STEP_SHIFT)
+            .unwrap_or(0)
+            .min(parameters.most_step);
+        let step = if self.product < 0 {
+            -relative
+        } else {
+            relative
+        };
         let wanted = self.gain.saturating_add(times(self.gain, step));
         let within = wanted.max(ONE - parameters.most).min(ONE + parameters.most);
         if within != wanted {
@@ -248,7 +276,10 @@ impl GainAdaptation {
             self.gain = within;
             // Newton's rule for the reciprocal: each round squares what is missing, and a step is small.
             for _ in 0..3 {
-                self.inverse = times(self.inverse, (2 * ONE).saturating_sub(times(self.gain, self.inverse)));
+                self.inverse = times(
+                    self.inverse,
+                    (2 * ONE).saturating_sub(times(self.gain, self.inverse)),
+                );
             }
             self.preparing = Some(0);
         }
@@ -283,7 +314,8 @@ fn scale(base: &[i32], next: &mut [i32], nth: usize, gain: i32) {
 /// A value times a gain, rounded; where both are within their bounds it fits.
 #[inline]
 fn times(value: i32, gain: i32) -> i32 {
-    let wide = (i64::from(value) * i64::from(gain) + (1i64 << (GAIN_FRACTION_BITS - 1))) >> GAIN_FRACTION_BITS;
+    let wide = (i64::from(value) * i64::from(gain) + (1i64 << (GAIN_FRACTION_BITS - 1)))
+        >> GAIN_FRACTION_BITS;
     wide.max(i64::from(i32::MIN)).min(i64::from(i32::MAX)) as i32
 }
 
@@ -293,7 +325,9 @@ mod tests {
     use super::*;
     use crate::codes::{DriveCode, SensorCode};
     use crate::parameter_block::tests::example;
-    use crate::predictor_law::{OUTPUT_ROW_FRACTION_BITS, PredictorParameters, STATE_ROW_FRACTION_BITS, STATES};
+    use crate::predictor_law::{
+        OUTPUT_ROW_FRACTION_BITS, PredictorParameters, STATE_ROW_FRACTION_BITS, STATES,
+    };
     use crate::reference_window::PREVIEW_TICKS;
     use crate::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
     use crate::servo_tick::ServoTick;
@@ -301,8 +335,12 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    const BOUNDS: AdaptationParameters =
-        AdaptationParameters { most: MOST, most_step: ONE / 200, error_limit: 1 << 23, least_motion: ONE / 100 };
+    const BOUNDS: AdaptationParameters = AdaptationParameters {
+        most: MOST,
+        most_step: ONE / 200,
+        error_limit: 1 << 23,
+        least_motion: ONE / 100,
+    };
 
     /// A law for an actuator without dynamics: its state is the reading that is predicted, and what is fed
     /// forward the reference at the end of the period in which it acts, two samples after now.
@@ -323,7 +361,10 @@ mod tests {
 
     fn parameters(adaptation: Option<AdaptationParameters>) -> ServoParameters {
         let mut servo = example().servo;
-        servo.actuator = ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 };
+        servo.actuator = ActuatorParameters::Linear {
+            volts_per_micrometre: 7 << 20,
+            micrometres_per_volt: (1 << 28) / 7,
+        };
         servo.law = LawParameters::Predictor(law());
         servo.adaptation = adaptation;
         servo
@@ -331,10 +372,20 @@ mod tests {
 
     /// An actuator without dynamics whose gain is so many hundredths of the model's, following a triangle;
     /// the codes and errors of all ticks.
-    fn run(servo: &mut ServoTick, hundredths: i64, ticks: usize, amplitude: i32) -> (Vec<DriveCode>, Vec<i32>) {
+    fn run(
+        servo: &mut ServoTick,
+        hundredths: i64,
+        ticks: usize,
+        amplitude: i32,
+    ) -> (Vec<DriveCode>, Vec<i32>) {
         let c = servo.parameters().converters;
-        let code_of = |um: i64| SensorCode::new((((um - i64::from(c.adc_zero)) << 16) / c.adc_step).clamp(0, 65_535) as u32);
-        let reference = |k: usize| (5 << 24) + ((k % 200).min(200 - k % 200) as i32 - 50) * (amplitude / 50);
+        let code_of = |um: i64| {
+            SensorCode::new(
+                (((um - i64::from(c.adc_zero)) << 16) / c.adc_step).clamp(0, 65_535) as u32,
+            )
+        };
+        let reference =
+            |k: usize| (5 << 24) + ((k % 200).min(200 - k % 200) as i32 - 50) * (amplitude / 50);
         servo.open_loop(c.dac_code_min + 16_000);
         let mut acting = i64::from(servo.applied().to_bits());
         let (mut codes, mut errors) = (Vec::new(), Vec::new());
@@ -363,7 +414,10 @@ mod tests {
             let mut servo = ServoTick::new(parameters(Some(BOUNDS)));
             let (_, errors) = run(&mut servo, hundredths, 140_000, 1 << 23);
             let found = gain(&servo);
-            assert!((found - hundredths as f64 / 100.0).abs() < 0.003, "{hundredths}: {found}");
+            assert!(
+                (found - hundredths as f64 / 100.0).abs() < 0.003,
+                "{hundredths}: {found}"
+            );
             let (before, after) = (largest(&errors[4000..8000]), largest(&errors[130_000..]));
             assert!(after * 5 < before, "{hundredths}: {before} {after}");
             assert_eq!(servo.counters().saturated_values, 0);
@@ -392,7 +446,17 @@ mod tests {
         assert!(!stays(BOUNDS, false, 1 << 23));
         assert!(stays(BOUNDS, true, 1 << 23), "held");
         assert!(stays(BOUNDS, false, 0), "at rest");
-        assert!(stays(AdaptationParameters { error_limit: 1 << 16, ..BOUNDS }, false, 1 << 23), "errors");
+        assert!(
+            stays(
+                AdaptationParameters {
+                    error_limit: 1 << 16,
+                    ..BOUNDS
+                },
+                false,
+                1 << 23
+            ),
+            "errors"
+        );
         // A drive that meets its limit in every period.
         let mut limited = parameters(Some(BOUNDS));
         limited.converters.dac_code_max = limited.converters.dac_code_min + 17_000;
@@ -404,9 +468,15 @@ mod tests {
 
     #[test]
     fn without_bounds_nothing_changes_and_the_first_window_changes_nothing_either() {
-        let run = |bounds: Option<AdaptationParameters>| run(&mut ServoTick::new(parameters(bounds)), 85, 20_000, 1 << 23).0;
+        let run = |bounds: Option<AdaptationParameters>| {
+            run(&mut ServoTick::new(parameters(bounds)), 85, 20_000, 1 << 23).0
+        };
         let (off, on) = (run(None), run(Some(BOUNDS)));
-        let first = off.iter().zip(&on).position(|(a, b)| a != b).expect("it learns");
+        let first = off
+            .iter()
+            .zip(&on)
+            .position(|(a, b)| a != b)
+            .expect("it learns");
         let window = (SETTLING_TICKS + BLOCK_TICKS * (WINDOW_BLOCKS + 1)) as usize;
         assert!((window..window + WINDOW + 20).contains(&first), "{first}");
     }
@@ -415,12 +485,23 @@ mod tests {
     fn another_gain_makes_no_step_of_the_drive() {
         // At the tick behind which the coefficients change both give what they would have given but for the
         // change of one tick.
-        let mut servo = ServoTick::new(parameters(Some(AdaptationParameters { most_step: LARGEST_STEP, ..BOUNDS })));
+        let mut servo = ServoTick::new(parameters(Some(AdaptationParameters {
+            most_step: LARGEST_STEP,
+            ..BOUNDS
+        })));
         let (codes, _) = run(&mut servo, 85, 60_000, 1 << 23);
         assert!(gain(&servo) < 0.9);
         // A tick of the triangle is 10 nm, 33 codes.
-        let steps: Vec<u32> = codes.windows(2).skip(1000).map(|pair| pair[0].abs_diff(pair[1])).collect();
-        assert!(steps.iter().all(|step| *step < 80), "{:?}", steps.iter().max());
+        let steps: Vec<u32> = codes
+            .windows(2)
+            .skip(1000)
+            .map(|pair| pair[0].abs_diff(pair[1]))
+            .collect();
+        assert!(
+            steps.iter().all(|step| *step < 80),
+            "{:?}",
+            steps.iter().max()
+        );
     }
 
     #[test]
@@ -433,7 +514,9 @@ mod tests {
         servo.exchange(&block);
         assert_eq!((gain(&servo), servo.parameters() == &block), (1.0, true));
         let c = block.converters;
-        let read = SensorCode::new(((i64::from(stayed.reference().to_bits() - c.adc_zero) << 16) / c.adc_step) as u32);
+        let read = SensorCode::new(
+            ((i64::from(stayed.reference().to_bits() - c.adc_zero) << 16) / c.adc_step) as u32,
+        );
         let ahead = stayed.reference();
         let codes = [&mut stayed, &mut servo].map(|servo| servo.tick(read, ahead));
         // The reference moves by 10 nm a tick, 33 codes: a tenth of it is what the gains differ by.
@@ -444,12 +527,27 @@ mod tests {
     fn bounds_that_are_none_are_not_accepted() {
         assert!(BOUNDS.accepted());
         for bad in [
-            AdaptationParameters { most: MOST + 1, ..BOUNDS },
+            AdaptationParameters {
+                most: MOST + 1,
+                ..BOUNDS
+            },
             AdaptationParameters { most: 0, ..BOUNDS },
-            AdaptationParameters { most_step: 0, ..BOUNDS },
-            AdaptationParameters { most_step: LARGEST_STEP + 1, ..BOUNDS },
-            AdaptationParameters { error_limit: 0, ..BOUNDS },
-            AdaptationParameters { least_motion: 255, ..BOUNDS },
+            AdaptationParameters {
+                most_step: 0,
+                ..BOUNDS
+            },
+            AdaptationParameters {
+                most_step: LARGEST_STEP + 1,
+                ..BOUNDS
+            },
+            AdaptationParameters {
+                error_limit: 0,
+                ..BOUNDS
+            },
+            AdaptationParameters {
+                least_motion: 255,
+                ..BOUNDS
+            },
         ] {
             assert!(!bad.accepted(), "{bad:?}");
         }

@@ -120,16 +120,28 @@ impl Fault {
         (Self::HostLost, "host lost"),
         (Self::SupplyLow, "supply low"),
         (Self::DriveSilent, "drive does not arrive"),
-        (Self::SensorDoesNotMove, "sensor does not move with the drive"),
+        (
+            Self::SensorDoesNotMove,
+            "sensor does not move with the drive",
+        ),
         (Self::SensorReversed, "sensor moves against the drive"),
         (Self::GainDiffers, "motion is not the model's"),
         (Self::SensorDrifts, "sensor drifts"),
-        (Self::SensorNoisy, "sensor is noisier than the step of the self-test"),
-        (Self::RangeNotReached, "conditioning did not reach the whole range"),
+        (
+            Self::SensorNoisy,
+            "sensor is noisier than the step of the self-test",
+        ),
+        (
+            Self::RangeNotReached,
+            "conditioning did not reach the whole range",
+        ),
         (Self::DriveCurrent, "drive current"),
         (Self::BeyondEnvelope, "drive beyond the safety envelope"),
         (Self::NoEnvelope, "no safety envelope"),
-        (Self::OutputDiffers, "output of the amplifier is not the drive"),
+        (
+            Self::OutputDiffers,
+            "output of the amplifier is not the drive",
+        ),
         (Self::MonitorOutOfRange, "voltage monitor out of range"),
         (Self::DriveNotHeld, "drive's converter holds another code"),
         (Self::UpdateRolledBack, "update rolled back"),
@@ -140,19 +152,28 @@ impl Fault {
     #[inline]
     #[must_use]
     pub fn is_of_output(self) -> bool {
-        matches!(self, Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld)
+        matches!(
+            self,
+            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld
+        )
     }
 
     /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(fault, _)| *fault == self).map_or("", |(_, name)| name)
+        Self::ALL
+            .iter()
+            .find(|(fault, _)| *fault == self)
+            .map_or("", |(_, name)| name)
     }
 
     /// The fault with a number.
     #[must_use]
     pub fn from_number(number: u8) -> Option<Self> {
-        Self::ALL.iter().find(|(fault, _)| *fault as u8 == number).map(|(fault, _)| *fault)
+        Self::ALL
+            .iter()
+            .find(|(fault, _)| *fault as u8 == number)
+            .map(|(fault, _)| *fault)
     }
 }
 
@@ -194,7 +215,14 @@ impl Guard {
     /// Has seen nothing yet.
     #[must_use]
     pub fn new(parameters: GuardParameters) -> Self {
-        Self { parameters, last_code: None, same: 0, late: 0, slewing: 0, healthy: 0 }
+        Self {
+            parameters,
+            last_code: None,
+            same: 0,
+            late: 0,
+            slewing: 0,
+            healthy: 0,
+        }
     }
 
     /// Watches with other limits from now on; what it has seen and counted stays.
@@ -213,19 +241,29 @@ impl Guard {
     pub fn inspect(&mut self, reading: Option<SensorCode>) -> Option<Fault> {
         let fault = self.sensor_fault(reading);
         self.last_code = reading;
-        self.healthy = if fault.is_some() { 0 } else { self.healthy.saturating_add(1) };
+        self.healthy = if fault.is_some() {
+            0
+        } else {
+            self.healthy.saturating_add(1)
+        };
         fault
     }
 
     #[inline]
     fn sensor_fault(&mut self, reading: Option<SensorCode>) -> Option<Fault> {
         let p = &self.parameters;
-        let Some(code) = reading else { return Some(Fault::SensorSilent) };
+        let Some(code) = reading else {
+            return Some(Fault::SensorSilent);
+        };
         if code < p.adc_code_min || code > p.adc_code_max {
             return Some(Fault::SensorOutOfRange);
         }
         let last = self.last_code?;
-        self.same = if code == last { self.same.saturating_add(1) } else { 0 };
+        self.same = if code == last {
+            self.same.saturating_add(1)
+        } else {
+            0
+        };
         if p.stuck_ticks > 0 && self.same >= p.stuck_ticks {
             return Some(Fault::SensorStuck);
         }
@@ -243,12 +281,20 @@ impl Guard {
     #[inline]
     pub fn inspect_loop(&mut self, error: i32, slewing: bool) -> Option<Fault> {
         let p = &self.parameters;
-        self.slewing = if slewing { self.slewing.saturating_add(1) } else { self.slewing.saturating_sub(1) };
+        self.slewing = if slewing {
+            self.slewing.saturating_add(1)
+        } else {
+            self.slewing.saturating_sub(1)
+        };
         if self.slewing > p.tracking_ticks {
             self.slewing = 0;
             return Some(Fault::DriveSlew);
         }
-        self.late = if error.saturating_abs() > p.tracking_error { self.late.saturating_add(1) } else { 0 };
+        self.late = if error.saturating_abs() > p.tracking_error {
+            self.late.saturating_add(1)
+        } else {
+            0
+        };
         (self.late > p.tracking_ticks).then_some(Fault::TrackingError)
     }
 
@@ -270,7 +316,11 @@ impl Guard {
     #[must_use]
     pub fn towards(&self, code: DriveCode, aim: DriveCode) -> DriveCode {
         let ramp = self.parameters.ramp_codes.max(1);
-        if code > aim { (code - ramp).max(aim) } else { (code + ramp).min(aim) }
+        if code > aim {
+            (code - ramp).max(aim)
+        } else {
+            (code + ramp).min(aim)
+        }
     }
 }
 
@@ -294,11 +344,16 @@ mod tests {
     fn each_sensor_fault_has_its_name() {
         let after = |codes: &[Option<u32>]| {
             let mut guard = Guard::new(PARAMETERS);
-            codes.iter().find_map(|code| guard.inspect(code.map(SensorCode::new)))
+            codes
+                .iter()
+                .find_map(|code| guard.inspect(code.map(SensorCode::new)))
         };
         assert_eq!(after(&[Some(5000), Some(5001), Some(4999)]), None);
         assert_eq!(after(&[Some(5000), None]), Some(Fault::SensorSilent));
-        assert_eq!(after(&[Some(5000), Some(65_535)]), Some(Fault::SensorOutOfRange));
+        assert_eq!(
+            after(&[Some(5000), Some(65_535)]),
+            Some(Fault::SensorOutOfRange)
+        );
         assert_eq!(after(&[Some(5000), Some(9000)]), Some(Fault::SensorJump));
         assert_eq!(after(&[Some(5000); 11]), Some(Fault::SensorStuck));
         assert_eq!(after(&[Some(5000); 10]), None);
@@ -309,8 +364,12 @@ mod tests {
         let mut guard = Guard::new(PARAMETERS);
         let first = (1..20).find(|k| guard.inspect_loop(0, k % 3 != 0) == Some(Fault::DriveSlew));
         assert_eq!(first, Some(14), "two ticks of three");
-        assert!((0..100).all(|k| guard.inspect_loop(0, k % 2 == 0).is_none()), "now and then");
-        let first = (1..20).find(|_| guard.inspect_loop(-(2 << 24), false) == Some(Fault::TrackingError));
+        assert!(
+            (0..100).all(|k| guard.inspect_loop(0, k % 2 == 0).is_none()),
+            "now and then"
+        );
+        let first =
+            (1..20).find(|_| guard.inspect_loop(-(2 << 24), false) == Some(Fault::TrackingError));
         assert_eq!(first, Some(6));
         assert_eq!(guard.inspect_loop(0, false), None);
     }

@@ -17,7 +17,9 @@ pub struct Row<const N: usize, const Q: u32> {
 
 impl<const N: usize, const Q: u32> Default for Row<N, Q> {
     fn default() -> Self {
-        Self { coefficients: [0; N] }
+        Self {
+            coefficients: [0; N],
+        }
     }
 }
 
@@ -51,7 +53,13 @@ impl<const N: usize, const Q: u32> Row<N, Q> {
 #[must_use]
 pub fn four(sum: i64, [c0, c1, c2, c3]: [i32; 4], [s0, s1, s2, s3]: [i32; 4]) -> i64 {
     let term = |c: i32, s: i32| i64::from(c) * i64::from(s);
-    sum_of(sum_of(sum_of(sum_of(sum, term(c0, s0)), term(c1, s1)), term(c2, s2)), term(c3, s3))
+    sum_of(
+        sum_of(
+            sum_of(sum_of(sum, term(c0, s0)), term(c1, s1)),
+            term(c2, s2),
+        ),
+        term(c3, s3),
+    )
 }
 
 /// A state with the fraction that its format cannot hold.
@@ -66,12 +74,20 @@ impl Integrating {
     /// A state without a fraction.
     #[must_use]
     pub fn at(state: i32) -> Self {
-        Self { state, remainder: 0 }
+        Self {
+            state,
+            remainder: 0,
+        }
     }
 
     /// Replaces the state by the row's result, with the fraction carried on.
     #[inline]
-    pub fn replace<const N: usize, const Q: u32>(&mut self, row: &Row<N, Q>, signals: &[i32; N], saturated: &mut u32) {
+    pub fn replace<const N: usize, const Q: u32>(
+        &mut self,
+        row: &Row<N, Q>,
+        signals: &[i32; N],
+        saturated: &mut u32,
+    ) {
         let sum = row.sum_from(i64::from(self.remainder), signals);
         self.remainder = (sum & ((1i64 << Q) - 1)) as u32;
         self.state = saturate_shifted::<Q>(sum, saturated);
@@ -80,7 +96,10 @@ impl Integrating {
     /// Adds `coefficient * signal / 2^Q` to the state.
     #[inline]
     pub fn add<const Q: u32>(&mut self, coefficient: i32, signal: i32, saturated: &mut u32) {
-        let sum = sum_of(i64::from(coefficient) * i64::from(signal), i64::from(self.remainder));
+        let sum = sum_of(
+            i64::from(coefficient) * i64::from(signal),
+            i64::from(self.remainder),
+        );
         self.remainder = (sum & ((1i64 << Q) - 1)) as u32;
         self.state = saturate(sum_of(sum >> Q, i64::from(self.state)), saturated);
     }
@@ -107,7 +126,9 @@ mod tests {
 
     #[test]
     fn a_row_rounds_and_saturates() {
-        let row = Row::<2, 4> { coefficients: [16, 8] };
+        let row = Row::<2, 4> {
+            coefficients: [16, 8],
+        };
         let mut saturated = 0;
         assert_eq!(row.apply(&[3, 1], &mut saturated), 4);
         assert_eq!(saturated, 0);

@@ -36,10 +36,28 @@ pub struct KeptSettings {
     pub filters: [FilterSetting; 2],
 }
 
-wire_struct!(Notch { frequency_millihertz, width_millihertz });
-wire_struct!(FilterSetting { notches, low_pass_millihertz });
-wire_struct!(ResonanceWatch { frequency_millihertz, alarm_pm });
-wire_struct!(KeptSettings { stage, velocity, tolerance, settling_ticks, host_timeout_ticks, baud, watch, filters });
+wire_struct!(Notch {
+    frequency_millihertz,
+    width_millihertz
+});
+wire_struct!(FilterSetting {
+    notches,
+    low_pass_millihertz
+});
+wire_struct!(ResonanceWatch {
+    frequency_millihertz,
+    alarm_pm
+});
+wire_struct!(KeptSettings {
+    stage,
+    velocity,
+    tolerance,
+    settling_ticks,
+    host_timeout_ticks,
+    baud,
+    watch,
+    filters
+});
 
 /// Writes them and returns their length.
 ///
@@ -55,7 +73,12 @@ pub fn write(settings: &KeptSettings, bytes: &mut [u8]) -> Result<usize, BlockEr
 /// [`BlockError`].
 pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<KeptSettings, BlockError> {
     let settings: KeptSettings = read_kept(MAGIC, VERSION, bytes)?;
-    if settings.filters.iter().any(|filter| !filter.accepted(sample_rate_hz)) || !settings.watch.accepted(sample_rate_hz) {
+    if settings
+        .filters
+        .iter()
+        .any(|filter| !filter.accepted(sample_rate_hz))
+        || !settings.watch.accepted(sample_rate_hz)
+    {
         return Err(BlockError::SampleRate(sample_rate_hz));
     }
     Ok(settings)
@@ -66,7 +89,10 @@ mod tests {
     use super::*;
 
     fn settings() -> KeptSettings {
-        let notch = Notch { frequency_millihertz: 735_000, width_millihertz: 40_000 };
+        let notch = Notch {
+            frequency_millihertz: 735_000,
+            width_millihertz: 40_000,
+        };
         KeptSettings {
             stage: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
             velocity: 500 << 24,
@@ -74,8 +100,17 @@ mod tests {
             settling_ticks: 100,
             host_timeout_ticks: 5000,
             baud: 921_600,
-            watch: ResonanceWatch { frequency_millihertz: 735_000, alarm_pm: 20_000 },
-            filters: [FilterSetting { notches: [notch, Notch::OFF], low_pass_millihertz: 2_000_000 }, FilterSetting::OFF],
+            watch: ResonanceWatch {
+                frequency_millihertz: 735_000,
+                alarm_pm: 20_000,
+            },
+            filters: [
+                FilterSetting {
+                    notches: [notch, Notch::OFF],
+                    low_pass_millihertz: 2_000_000,
+                },
+                FilterSetting::OFF,
+            ],
         }
     }
 
@@ -90,7 +125,14 @@ mod tests {
             // The reserved bytes count too: they are part of what the checksum is of.
             assert!(read(&damaged, 20_000).is_err(), "byte {nth}");
         }
-        assert_eq!(read(&[0xff; SETTINGS_BYTES], 20_000), Err(BlockError::Absent));
-        assert_eq!(read(&bytes, 1_000), Err(BlockError::SampleRate(1_000)), "2 kHz at 1 kHz");
+        assert_eq!(
+            read(&[0xff; SETTINGS_BYTES], 20_000),
+            Err(BlockError::Absent)
+        );
+        assert_eq!(
+            read(&bytes, 1_000),
+            Err(BlockError::SampleRate(1_000)),
+            "2 kHz at 1 kHz"
+        );
     }
 }

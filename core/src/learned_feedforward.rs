@@ -79,7 +79,11 @@ impl LearningParameters {
     #[must_use]
     pub fn accepted(&self) -> bool {
         let fits = |sum: i64| sum < 1 << 31;
-        let sum = |taps: &[i32]| taps.iter().map(|c| i64::from(c.unsigned_abs())).sum::<i64>();
+        let sum = |taps: &[i32]| {
+            taps.iter()
+                .map(|c| i64::from(c.unsigned_abs()))
+                .sum::<i64>()
+        };
         let symmetric = match self.robustness.coefficients.split_first() {
             Some((first, rest)) => *first == 0 && rest.iter().eq(rest.iter().rev()),
             None => false,
@@ -102,7 +106,10 @@ struct Newest {
 }
 
 impl Newest {
-    const NONE: Self = Self { signals: [0; 2 * LEARNING_TAPS], oldest: 0 };
+    const NONE: Self = Self {
+        signals: [0; 2 * LEARNING_TAPS],
+        oldest: 0,
+    };
 
     #[inline]
     fn push(&mut self, signal: i32) {
@@ -117,7 +124,10 @@ impl Newest {
     fn row(&self) -> &[i32; LEARNING_TAPS] {
         const NONE: &[i32; LEARNING_TAPS] = &[0; LEARNING_TAPS];
         let oldest = self.oldest % LEARNING_TAPS;
-        self.signals.get(oldest..oldest + LEARNING_TAPS).and_then(|row| row.first_chunk()).unwrap_or(NONE)
+        self.signals
+            .get(oldest..oldest + LEARNING_TAPS)
+            .and_then(|row| row.first_chunk())
+            .unwrap_or(NONE)
     }
 }
 
@@ -189,13 +199,19 @@ impl LearnedFeedforward {
 
     #[inline]
     fn point(&self, index: u32) -> i32 {
-        self.points.get(index as usize).map_or(0, |point| i32::from(*point) << POINT_SHIFT)
+        self.points
+            .get(index as usize)
+            .map_or(0, |point| i32::from(*point) << POINT_SHIFT)
     }
 
     /// The point so many samples (less than a period) before another one.
     #[inline]
     fn before(&self, index: u32, samples: u32) -> u32 {
-        if index >= samples { index - samples } else { (index + self.period_ticks).saturating_sub(samples) }
+        if index >= samples {
+            index - samples
+        } else {
+            (index + self.period_ticks).saturating_sub(samples)
+        }
     }
 
     /// The correction of the sample that enters, um with 24 fraction bits; [`Self::present`] is that of the
@@ -206,7 +222,11 @@ impl LearnedFeedforward {
             return 0;
         }
         let entering = self.entering;
-        self.entering = if entering + 1 >= self.period_ticks { 0 } else { entering + 1 };
+        self.entering = if entering + 1 >= self.period_ticks {
+            0
+        } else {
+            entering + 1
+        };
         if self.stale > 0 {
             self.stale -= 1;
             if let Some(point) = self.points.get_mut(entering as usize) {
@@ -228,7 +248,13 @@ impl LearnedFeedforward {
     /// Takes the error (asked minus read, um with 24 fraction bits) of the sample that counts now, after
     /// [`Self::enter`] in every tick. `trusted`: the drive was not at a limit.
     #[inline]
-    pub fn learn(&mut self, parameters: &LearningParameters, error: i32, trusted: bool, saturated: &mut u32) {
+    pub fn learn(
+        &mut self,
+        parameters: &LearningParameters,
+        error: i32,
+        trusted: bool,
+        saturated: &mut u32,
+    ) {
         if self.period_ticks == 0 {
             return;
         }
@@ -241,7 +267,8 @@ impl LearnedFeedforward {
         let mut stepped = self.point(self.before(now, STEP_DELAY_TICKS));
         // What is stepped earlier has left its row when points are written again.
         if self.waiting < ROBUSTNESS_TAPS as u32 {
-            stepped = stepped.saturating_add(parameters.learning.apply(self.errors.row(), saturated));
+            stepped =
+                stepped.saturating_add(parameters.learning.apply(self.errors.row(), saturated));
         }
         self.stepped.push(stepped);
         if self.waiting > 0 {
@@ -249,12 +276,23 @@ impl LearnedFeedforward {
             return;
         }
         let smooth = symmetric(&parameters.robustness, self.stepped.row(), saturated);
-        self.write(parameters, self.before(now, POINT_DELAY_TICKS), smooth, saturated);
+        self.write(
+            parameters,
+            self.before(now, POINT_DELAY_TICKS),
+            smooth,
+            saturated,
+        );
     }
 
     /// Moves a point by its share towards what was learned, um with 24 fraction bits.
     #[inline]
-    fn write(&mut self, parameters: &LearningParameters, index: u32, learned: i32, saturated: &mut u32) {
+    fn write(
+        &mut self,
+        parameters: &LearningParameters,
+        index: u32,
+        learned: i32,
+        saturated: &mut u32,
+    ) {
         let old = self.point(index);
         let shift = POINT_SHIFT + u32::from(self.halvings.min(15));
         let change = (i64::from(learned) - i64::from(old) + (1i64 << (shift - 1))) >> shift;
@@ -268,29 +306,64 @@ impl LearnedFeedforward {
             *point = within as i16;
         }
         self.written += 1;
-        if self.written >= self.period_ticks.saturating_mul(u32::from(parameters.periods_per_halving)) {
+        if self.written
+            >= self
+                .period_ticks
+                .saturating_mul(u32::from(parameters.periods_per_halving))
+        {
             self.written = 0;
-            self.halvings = self.halvings.saturating_add(1).min(parameters.most_halvings);
+            self.halvings = self
+                .halvings
+                .saturating_add(1)
+                .min(parameters.most_halvings);
         }
     }
 }
 
 /// `Q` over a row: two signals as far from the point have the same coefficient, and are added first.
 #[inline]
-fn symmetric(robustness: &Row<ROBUSTNESS_TAPS, ROBUSTNESS_FRACTION_BITS>, row: &[i32; ROBUSTNESS_TAPS], saturated: &mut u32) -> i32 {
+fn symmetric(
+    robustness: &Row<ROBUSTNESS_TAPS, ROBUSTNESS_FRACTION_BITS>,
+    row: &[i32; ROBUSTNESS_TAPS],
+    saturated: &mut u32,
+) -> i32 {
     const POINT: usize = ROBUSTNESS_TAPS / 2;
     // The first coefficient is zero.
     let (coefficients, rest) = robustness.coefficients[1..POINT].as_chunks::<4>();
     let (before, near_before) = row[1..POINT].as_chunks::<4>();
     let (near_behind, behind) = row[POINT + 1..].as_rchunks::<4>();
     let mut sum = 1i64 << (ROBUSTNESS_FRACTION_BITS - 1);
-    for (c, ([a, b, c0, d], [e, f, g, h])) in coefficients.iter().zip(before.iter().zip(behind.iter().rev())) {
-        sum = four(sum, *c, [a.saturating_add(*h), b.saturating_add(*g), c0.saturating_add(*f), d.saturating_add(*e)]);
+    for (c, ([a, b, c0, d], [e, f, g, h])) in coefficients
+        .iter()
+        .zip(before.iter().zip(behind.iter().rev()))
+    {
+        sum = four(
+            sum,
+            *c,
+            [
+                a.saturating_add(*h),
+                b.saturating_add(*g),
+                c0.saturating_add(*f),
+                d.saturating_add(*e),
+            ],
+        );
     }
-    for (coefficient, (a, b)) in rest.iter().zip(near_before.iter().zip(near_behind.iter().rev())) {
-        sum = sum_of(sum, i64::from(*coefficient) * i64::from(a.saturating_add(*b)));
+    for (coefficient, (a, b)) in rest
+        .iter()
+        .zip(near_before.iter().zip(near_behind.iter().rev()))
+    {
+        sum = sum_of(
+            sum,
+            i64::from(*coefficient) * i64::from(a.saturating_add(*b)),
+        );
     }
-    saturate_shifted::<ROBUSTNESS_FRACTION_BITS>(sum_of(sum, i64::from(robustness.coefficients[POINT]) * i64::from(row[POINT])), saturated)
+    saturate_shifted::<ROBUSTNESS_FRACTION_BITS>(
+        sum_of(
+            sum,
+            i64::from(robustness.coefficients[POINT]) * i64::from(row[POINT]),
+        ),
+        saturated,
+    )
 }
 
 #[cfg(test)]
@@ -307,7 +380,14 @@ mod tests {
         learning.coefficients[31] = 1 << LEARNING_FRACTION_BITS;
         let mut robustness = Row::default();
         robustness.coefficients[32] = 1 << ROBUSTNESS_FRACTION_BITS;
-        LearningParameters { learning, robustness, error_limit: 1 << 24, point_limit: i16::MAX, periods_per_halving: 100, most_halvings: 0 }
+        LearningParameters {
+            learning,
+            robustness,
+            error_limit: 1 << 24,
+            point_limit: i16::MAX,
+            periods_per_halving: 100,
+            most_halvings: 0,
+        }
     }
 
     /// A loop that follows at once but for an error that repeats: `error[k]` at sample `k` of the period.
@@ -327,7 +407,11 @@ mod tests {
             pushed.push(learner.enter());
             let correction = pushed[k];
             assert_eq!(correction, learner.present(), "{k}");
-            let error = if k < PREVIEW_TICKS { 0 } else { repeating[(k - PREVIEW_TICKS) % n] - correction };
+            let error = if k < PREVIEW_TICKS {
+                0
+            } else {
+                repeating[(k - PREVIEW_TICKS) % n] - correction
+            };
             learner.learn(p, error, trusted(k), &mut saturated);
             errors.push(error);
         }
@@ -338,7 +422,9 @@ mod tests {
     #[test]
     fn a_repeating_error_is_gone_after_it_was_learned_once() {
         for n in [LEAST_PERIOD_TICKS as usize, 200, MOST_POINTS] {
-            let repeating: Vec<i32> = (0..n).map(|k| ((k * 7919) % 1000) as i32 * 512 - 391 * 512).collect();
+            let repeating: Vec<i32> = (0..n)
+                .map(|k| ((k * 7919) % 1000) as i32 * 512 - 391 * 512)
+                .collect();
             let mut learner = LearnedFeedforward::off();
             learner.begin(Some(n as u32));
             let errors = run(&mut learner, &plain(), &repeating, 4 * n + 500, |_| true);
@@ -353,7 +439,13 @@ mod tests {
 
     #[test]
     fn what_cannot_be_a_period_learns_nothing() {
-        for period in [None, Some(0), Some(LEAST_PERIOD_TICKS - 1), Some(MOST_POINTS as u32 + 1), Some(u32::MAX)] {
+        for period in [
+            None,
+            Some(0),
+            Some(LEAST_PERIOD_TICKS - 1),
+            Some(MOST_POINTS as u32 + 1),
+            Some(u32::MAX),
+        ] {
             let mut learner = LearnedFeedforward::off();
             learner.begin(period);
             assert_eq!(learner.period_ticks(), None);
@@ -375,12 +467,22 @@ mod tests {
         let mut saturated = 0;
         for k in 0..4 * n {
             learner.enter();
-            learner.learn(&plain(), 12_345, !k.is_multiple_of(SETTLING_TICKS as usize), &mut saturated);
+            learner.learn(
+                &plain(),
+                12_345,
+                !k.is_multiple_of(SETTLING_TICKS as usize),
+                &mut saturated,
+            );
         }
         assert_eq!(learner.points, learned);
         for k in 0..4 * n {
             learner.enter();
-            learner.learn(&plain(), if k.is_multiple_of(100) { 2 << 24 } else { 777 }, true, &mut saturated);
+            learner.learn(
+                &plain(),
+                if k.is_multiple_of(100) { 2 << 24 } else { 777 },
+                true,
+                &mut saturated,
+            );
         }
         assert_eq!(learner.points, learned);
         for _ in 0..SETTLING_TICKS + 1 {
@@ -392,7 +494,14 @@ mod tests {
 
     #[test]
     fn the_share_falls_as_it_should() {
-        let (n, parameters) = (100u32, LearningParameters { periods_per_halving: 2, most_halvings: 2, ..plain() });
+        let (n, parameters) = (
+            100u32,
+            LearningParameters {
+                periods_per_halving: 2,
+                most_halvings: 2,
+                ..plain()
+            },
+        );
         let mut learner = LearnedFeedforward::off();
         learner.begin(Some(n));
         let mut halvings = Vec::new();
@@ -403,7 +512,11 @@ mod tests {
         }
         let from = (n + SETTLING_TICKS) as usize;
         for (period, expected) in [0u8, 0, 1, 1, 2, 2, 2].into_iter().enumerate() {
-            assert_eq!(halvings[from + period * n as usize + 50], expected, "{period}");
+            assert_eq!(
+                halvings[from + period * n as usize + 50],
+                expected,
+                "{period}"
+            );
         }
     }
 
@@ -414,16 +527,30 @@ mod tests {
         lopsided.robustness.coefficients[33] = 5;
         let mut large = plain();
         large.learning.coefficients = [i32::MAX / 32; LEARNING_TAPS];
-        let zero = LearningParameters { periods_per_halving: 0, ..plain() };
-        for bad in
-            [lopsided, large, zero, LearningParameters { point_limit: 0, ..plain() }, LearningParameters { error_limit: 0, ..plain() }]
-        {
+        let zero = LearningParameters {
+            periods_per_halving: 0,
+            ..plain()
+        };
+        for bad in [
+            lopsided,
+            large,
+            zero,
+            LearningParameters {
+                point_limit: 0,
+                ..plain()
+            },
+            LearningParameters {
+                error_limit: 0,
+                ..plain()
+            },
+        ] {
             assert!(!bad.accepted());
         }
     }
 
     fn taps() -> impl Strategy<Value = [i32; 64]> {
-        (prop::array::uniform::<_, 64>(any::<i32>()), 6u32..16).prop_map(|(raw, less)| raw.map(|tap| tap >> less))
+        (prop::array::uniform::<_, 64>(any::<i32>()), 6u32..16)
+            .prop_map(|(raw, less)| raw.map(|tap| tap >> less))
     }
 
     proptest! {

@@ -58,8 +58,12 @@ impl ResonanceWatch {
     #[must_use]
     pub fn accepted(&self, sample_rate_hz: u32) -> bool {
         let edge_hz = u64::from(SEGMENTS_PER_SECOND * LEAST_LINES);
-        let (lowest, highest) = (edge_hz * 1000, (u64::from(sample_rate_hz) / 2).saturating_sub(edge_hz) * 1000);
-        let heard = (lowest..=highest).contains(&u64::from(self.frequency_millihertz)) || self.frequency_millihertz == 0;
+        let (lowest, highest) = (
+            edge_hz * 1000,
+            (u64::from(sample_rate_hz) / 2).saturating_sub(edge_hz) * 1000,
+        );
+        let heard = (lowest..=highest).contains(&u64::from(self.frequency_millihertz))
+            || self.frequency_millihertz == 0;
         heard && self.alarm_pm <= MOST_ALARM_PM
     }
 }
@@ -95,7 +99,11 @@ impl Goertzel {
     /// Of a frequency in turns per sample, 2^32 a turn.
     fn new(increment: u32) -> Self {
         let unit = |value: i32| value as f32 / (1u32 << 30) as f32;
-        Self { cosine: unit(sine(increment.wrapping_add(1 << 30))), sine: unit(sine(increment)), last: [0.0; 2] }
+        Self {
+            cosine: unit(sine(increment.wrapping_add(1 << 30))),
+            sine: unit(sine(increment)),
+            last: [0.0; 2],
+        }
     }
 
     fn take(&mut self, value: f32) {
@@ -138,12 +146,23 @@ impl LoopTelemetry {
     /// For samples at this rate; nothing is listened to.
     #[must_use]
     pub const fn new(sample_rate_hz: u32) -> Self {
-        let segment_ticks = if sample_rate_hz < SEGMENTS_PER_SECOND { 1 } else { sample_rate_hz / SEGMENTS_PER_SECOND };
+        let segment_ticks = if sample_rate_hz < SEGMENTS_PER_SECOND {
+            1
+        } else {
+            sample_rate_hz / SEGMENTS_PER_SECOND
+        };
         Self {
             segment_ticks,
             hann_increment: (1 << 31) / segment_ticks,
-            watch: ResonanceWatch { frequency_millihertz: 0, alarm_pm: 0 },
-            line: Goertzel { cosine: 0.0, sine: 0.0, last: [0.0; 2] },
+            watch: ResonanceWatch {
+                frequency_millihertz: 0,
+                alarm_pm: 0,
+            },
+            line: Goertzel {
+                cosine: 0.0,
+                sine: 0.0,
+                last: [0.0; 2],
+            },
             sample_rate_hz,
             next_tick: 0,
             in_segment: 0,
@@ -180,7 +199,8 @@ impl LoopTelemetry {
             return Err(EXPECTED_RESONANCE);
         }
         // Half a last place is 2e-6 Hz.
-        let increment = ((u64::from(watch.frequency_millihertz) << 32) / (1000 * u64::from(self.sample_rate_hz.max(1)))) as u32;
+        let increment = ((u64::from(watch.frequency_millihertz) << 32)
+            / (1000 * u64::from(self.sample_rate_hz.max(1)))) as u32;
         self.line = Goertzel::new(increment);
         self.watch = watch;
         (self.figures.resonance_pm, self.figures.alarm) = (0, false);
@@ -203,7 +223,12 @@ impl LoopTelemetry {
     /// Forgets the window that has begun: the loop is open.
     pub fn begin(&mut self) {
         (self.in_segment, self.segments) = (0, 0);
-        (self.error_squares, self.drive_squares, self.error_peak, self.powers) = (0, 0, 0, 0.0);
+        (
+            self.error_squares,
+            self.drive_squares,
+            self.error_peak,
+            self.powers,
+        ) = (0, 0, 0, 0.0);
         self.line.last = [0.0; 2];
     }
 
@@ -215,7 +240,9 @@ impl LoopTelemetry {
             self.begin();
         }
         self.next_tick = tick.wrapping_add(1);
-        let rounded = |value: i32, shift: u32| u64::from(((i64::from(value) + (1 << (shift - 1))) >> shift).unsigned_abs() as u32);
+        let rounded = |value: i32, shift: u32| {
+            u64::from(((i64::from(value) + (1 << (shift - 1))) >> shift).unsigned_abs() as u32)
+        };
         let (small_error, small_drive) = (rounded(error, ERROR_SHIFT), rounded(drive, DRIVE_SHIFT));
         self.error_squares = self.error_squares.saturating_add(small_error * small_error);
         self.drive_squares = self.drive_squares.saturating_add(small_drive * small_drive);
@@ -224,8 +251,10 @@ impl LoopTelemetry {
             self.first_error = error;
         }
         if self.watch.frequency_millihertz > 0 {
-            let root = sine(self.in_segment.wrapping_mul(self.hann_increment)) as f32 / (1u32 << 30) as f32;
-            self.line.take(error.saturating_sub(self.first_error) as f32 * root * root);
+            let root = sine(self.in_segment.wrapping_mul(self.hann_increment)) as f32
+                / (1u32 << 30) as f32;
+            self.line
+                .take(error.saturating_sub(self.first_error) as f32 * root * root);
         }
         self.in_segment += 1;
         if self.in_segment < self.segment_ticks {
@@ -245,15 +274,23 @@ impl LoopTelemetry {
         const PM_PER_UM: f32 = 1e6;
         const UV_PER_V: f32 = 1e6;
         let ticks = self.window_ticks() as f32;
-        let error = square_root(self.error_squares as f32 / ticks) / (1u32 << (24 - ERROR_SHIFT)) as f32;
-        let drive = square_root(self.drive_squares as f32 / ticks) / (1u32 << (22 - DRIVE_SHIFT)) as f32;
+        let error =
+            square_root(self.error_squares as f32 / ticks) / (1u32 << (24 - ERROR_SHIFT)) as f32;
+        let drive =
+            square_root(self.drive_squares as f32 / ticks) / (1u32 << (22 - DRIVE_SHIFT)) as f32;
         // Hann's weights have the mean of a half, and half of a sine turns with the phases: a quarter of the
         // amplitude from every sample.
-        let resonance = square_root(self.powers / SEGMENTS as f32) * 4.0 / self.segment_ticks as f32 / (1u32 << 24) as f32;
+        let resonance = square_root(self.powers / SEGMENTS as f32) * 4.0
+            / self.segment_ticks as f32
+            / (1u32 << 24) as f32;
         let resonance_pm = whole(resonance * PM_PER_UM);
         let before = self.figures.alarm;
         // 75 % of the alarm ends an event.
-        let level = if before { self.watch.alarm_pm / 4 * 3 } else { self.watch.alarm_pm };
+        let level = if before {
+            self.watch.alarm_pm / 4 * 3
+        } else {
+            self.watch.alarm_pm
+        };
         self.figures = LoopFigures {
             error_rms_pm: whole(error * PM_PER_UM),
             error_peak_pm: (u64::from(self.error_peak) * 1_000_000 / (1 << 24)) as u32,
@@ -299,7 +336,9 @@ mod tests {
     fn oracle(samples: &[(i32, i32)], frequency_hz: f64) -> [f64; 4] {
         let error_nm = |sample: &(i32, i32)| f64::from(sample.0) / f64::from(1 << 24) * 1000.0;
         let drive_mv = |sample: &(i32, i32)| f64::from(sample.1) / f64::from(1 << 22) * 1000.0;
-        let rms = |values: &mut dyn Iterator<Item = f64>| (values.map(|v| v * v).sum::<f64>() / samples.len() as f64).sqrt();
+        let rms = |values: &mut dyn Iterator<Item = f64>| {
+            (values.map(|v| v * v).sum::<f64>() / samples.len() as f64).sqrt()
+        };
         let power = |segment: &[(i32, i32)]| {
             let (mut real, mut imaginary, mut weights) = (0.0, 0.0, 0.0);
             for (n, sample) in segment.iter().enumerate() {
@@ -315,7 +354,10 @@ mod tests {
         let powers: Vec<f64> = samples.chunks(SEGMENT).map(power).collect();
         [
             rms(&mut samples.iter().map(error_nm)),
-            samples.iter().map(error_nm).fold(0.0, |most, error| most.max(error.abs())),
+            samples
+                .iter()
+                .map(error_nm)
+                .fold(0.0, |most, error| most.max(error.abs())),
             rms(&mut samples.iter().map(drive_mv)),
             (powers.iter().sum::<f64>() / powers.len() as f64).sqrt(),
         ]
@@ -323,8 +365,13 @@ mod tests {
 
     fn listening(frequency_hz: f64, alarm_nm: u32) -> LoopTelemetry {
         let mut telemetry = LoopTelemetry::new(RATE);
-        let watch = ResonanceWatch { frequency_millihertz: (frequency_hz * 1000.0).round() as u32, alarm_pm: alarm_nm * 1000 };
-        telemetry.listen(watch).expect("a frequency that can be heard");
+        let watch = ResonanceWatch {
+            frequency_millihertz: (frequency_hz * 1000.0).round() as u32,
+            alarm_pm: alarm_nm * 1000,
+        };
+        telemetry
+            .listen(watch)
+            .expect("a frequency that can be heard");
         telemetry
     }
 
@@ -332,7 +379,9 @@ mod tests {
     fn run(telemetry: &mut LoopTelemetry, first_tick: u32, samples: &[(i32, i32)]) -> Option<bool> {
         let mut told = None;
         for (n, (error, drive)) in samples.iter().enumerate() {
-            told = telemetry.take(first_tick.wrapping_add(n as u32), *error, *drive).or(told);
+            told = telemetry
+                .take(first_tick.wrapping_add(n as u32), *error, *drive)
+                .or(told);
         }
         told
     }
@@ -342,16 +391,28 @@ mod tests {
     }
 
     /// Tones `(Hz, um, phase)` on a constant error and white noise, all um, under a sine of the drive.
-    fn window(tones: &[(f64, f64, f64)], constant_um: f64, noise_um: f64, seed: u32) -> Vec<(i32, i32)> {
+    fn window(
+        tones: &[(f64, f64, f64)],
+        constant_um: f64,
+        noise_um: f64,
+        seed: u32,
+    ) -> Vec<(i32, i32)> {
         let mut state = seed | 1;
         (0..RATE)
             .map(|n| {
                 let t = f64::from(n) / f64::from(RATE);
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                let noise = (f64::from(state) / f64::from(u32::MAX) - 0.5) * 12f64.sqrt() * noise_um;
-                let tone: f64 = tones.iter().map(|(hz, um, phase)| um * (2.0 * PI * hz * t + phase).sin()).sum();
+                let noise =
+                    (f64::from(state) / f64::from(u32::MAX) - 0.5) * 12f64.sqrt() * noise_um;
+                let tone: f64 = tones
+                    .iter()
+                    .map(|(hz, um, phase)| um * (2.0 * PI * hz * t + phase).sin())
+                    .sum();
                 let drive_v = 40.0 + 35.0 * (2.0 * PI * 10.0 * t).sin();
-                (micrometres((tone + constant_um + noise).clamp(-127.0, 127.0)), (drive_v * f64::from(1 << 22)) as i32)
+                (
+                    micrometres((tone + constant_um + noise).clamp(-127.0, 127.0)),
+                    (drive_v * f64::from(1 << 22)) as i32,
+                )
             })
             .collect()
     }
@@ -363,27 +424,54 @@ mod tests {
         let [rms_nm, peak_nm, drive_mv, resonance_nm] = expected;
         let near = |ours: u32, expected: f64, share: f64, beside: f64| {
             let ours = f64::from(ours) / 1000.0;
-            assert!((ours - expected).abs() <= share * expected + beside, "{ours} instead of {expected} of {figures:?}");
+            assert!(
+                (ours - expected).abs() <= share * expected + beside,
+                "{ours} instead of {expected} of {figures:?}"
+            );
         };
         near(figures.error_rms_pm, rms_nm, 1e-4, 0.01);
         near(figures.error_peak_pm, peak_nm, 0.0, 0.0011);
         near(figures.drive_rms_uv, drive_mv, 1e-4, 0.25);
         let left = 1e-8 / (2.0 * PI * frequency_hz / f64::from(RATE)).sin().powi(3);
-        near(figures.resonance_pm, resonance_nm, 1e-4, left * rms_nm + 0.001);
+        near(
+            figures.resonance_pm,
+            resonance_nm,
+            1e-4,
+            left * rms_nm + 0.001,
+        );
     }
 
     #[test]
     fn a_known_sine_at_the_resonance_comes_out() {
         let samples = window(&[(735.0, 0.041, 0.3)], 0.0, 0.0, 1);
         let mut telemetry = listening(735.0, 20);
-        assert_eq!(run(&mut telemetry, u32::MAX - 7, &samples), Some(true), "41 nm are above the alarm of 20");
+        assert_eq!(
+            run(&mut telemetry, u32::MAX - 7, &samples),
+            Some(true),
+            "41 nm are above the alarm of 20"
+        );
         let figures = telemetry.figures();
         assert!(figures.resonance_pm.abs_diff(41_000) < 20, "{figures:?}");
-        assert!(figures.error_rms_pm.abs_diff((41_000.0 / 2f64.sqrt()) as u32) < 20, "{figures:?}");
+        assert!(
+            figures
+                .error_rms_pm
+                .abs_diff((41_000.0 / 2f64.sqrt()) as u32)
+                < 20,
+            "{figures:?}"
+        );
         assert!(figures.error_peak_pm.abs_diff(41_000) < 20, "{figures:?}");
         // 40 V and a sine of 35 V.
-        assert!(figures.drive_rms_uv.abs_diff((40f64.hypot(35.0 / 2f64.sqrt()) * 1e6) as u32) < 300, "{figures:?}");
-        assert_eq!((figures.windows, figures.torn_windows, figures.alarm), (1, 0, true));
+        assert!(
+            figures
+                .drive_rms_uv
+                .abs_diff((40f64.hypot(35.0 / 2f64.sqrt()) * 1e6) as u32)
+                < 300,
+            "{figures:?}"
+        );
+        assert_eq!(
+            (figures.windows, figures.torn_windows, figures.alarm),
+            (1, 0, true)
+        );
         agree(figures, oracle(&samples, 735.0), 735.0);
     }
 
@@ -394,11 +482,19 @@ mod tests {
         let samples = window(&[(10.0, 2.0, 0.0), (835.0, 0.5, 1.0)], 1.0, 0.0, 1);
         let mut telemetry = listening(735.0, 20);
         assert_eq!(run(&mut telemetry, 0, &samples), Some(false));
-        assert!(telemetry.figures().resonance_pm < 200, "{:?}", telemetry.figures());
+        assert!(
+            telemetry.figures().resonance_pm < 200,
+            "{:?}",
+            telemetry.figures()
+        );
         // And a resonance that has drifted by 10 Hz is still seen.
         let drifted = window(&[(745.0, 0.041, 0.3)], 0.0, 0.0, 1);
         assert_eq!(run(&mut telemetry, RATE, &drifted), Some(true));
-        assert!(telemetry.figures().resonance_pm.abs_diff(34_800) < 400, "{:?}", telemetry.figures());
+        assert!(
+            telemetry.figures().resonance_pm.abs_diff(34_800) < 400,
+            "{:?}",
+            telemetry.figures()
+        );
     }
 
     #[test]
@@ -406,7 +502,11 @@ mod tests {
         let mut telemetry = listening(735.0, 20);
         let mut tick = 0;
         let mut told = |telemetry: &mut LoopTelemetry, nm: f64| {
-            let began = run(telemetry, tick, &window(&[(735.0, nm / 1000.0, 0.0)], 0.0, 0.0, 1));
+            let began = run(
+                telemetry,
+                tick,
+                &window(&[(735.0, nm / 1000.0, 0.0)], 0.0, 0.0, 1),
+            );
             tick += RATE;
             (began, telemetry.figures().alarm)
         };
@@ -418,9 +518,18 @@ mod tests {
         assert_eq!(told(&mut telemetry, 21.0), (Some(false), true));
         assert_eq!(told(&mut telemetry, 14.0), (Some(false), false));
         assert_eq!(told(&mut telemetry, 21.0), (Some(true), true));
-        telemetry.listen(ResonanceWatch { frequency_millihertz: 735_000, alarm_pm: 0 }).expect("no alarm");
+        telemetry
+            .listen(ResonanceWatch {
+                frequency_millihertz: 735_000,
+                alarm_pm: 0,
+            })
+            .expect("no alarm");
         assert!(!telemetry.figures().alarm);
-        assert_eq!(told(&mut telemetry, 900.0), (Some(false), false), "0 is no alarm");
+        assert_eq!(
+            told(&mut telemetry, 900.0),
+            (Some(false), false),
+            "0 is no alarm"
+        );
     }
 
     #[test]
@@ -430,34 +539,82 @@ mod tests {
         // A sample is missing: the window begins anew behind the gap.
         assert_eq!(run(&mut telemetry, 0, &samples[..5000]), None);
         assert_eq!(run(&mut telemetry, 5001, &samples[..19_999]), None);
-        assert_eq!((telemetry.figures().windows, telemetry.figures().torn_windows), (0, 1));
+        assert_eq!(
+            (
+                telemetry.figures().windows,
+                telemetry.figures().torn_windows
+            ),
+            (0, 1)
+        );
         assert_eq!(run(&mut telemetry, 25_000, &samples[19_999..]), Some(false));
         agree(telemetry.figures(), oracle(&samples, 735.0), 735.0);
-        assert_eq!((telemetry.figures().windows, telemetry.figures().torn_windows), (1, 1));
+        assert_eq!(
+            (
+                telemetry.figures().windows,
+                telemetry.figures().torn_windows
+            ),
+            (1, 1)
+        );
         // An open loop ends a window without counting it.
         assert_eq!(run(&mut telemetry, 25_001, &samples[..100]), None);
         telemetry.begin();
         assert_eq!(run(&mut telemetry, 90_000, &samples), Some(false));
-        assert_eq!((telemetry.figures().windows, telemetry.figures().torn_windows), (2, 1));
+        assert_eq!(
+            (
+                telemetry.figures().windows,
+                telemetry.figures().torn_windows
+            ),
+            (2, 1)
+        );
     }
 
     #[test]
     fn the_ends_of_the_formats_fit() {
         let mut telemetry = listening(735.0, 20);
-        run(&mut telemetry, 0, &std::vec![(i32::MIN, i32::MIN); RATE as usize]);
+        run(
+            &mut telemetry,
+            0,
+            &std::vec![(i32::MIN, i32::MIN); RATE as usize],
+        );
         let figures = telemetry.figures();
-        assert!(figures.error_rms_pm.abs_diff(128_000_000) < 13_000 && figures.error_peak_pm == 128_000_000, "{figures:?}");
-        assert!(figures.drive_rms_uv.abs_diff(512_000_000) < 52_000, "{figures:?}");
+        assert!(
+            figures.error_rms_pm.abs_diff(128_000_000) < 13_000
+                && figures.error_peak_pm == 128_000_000,
+            "{figures:?}"
+        );
+        assert!(
+            figures.drive_rms_uv.abs_diff(512_000_000) < 52_000,
+            "{figures:?}"
+        );
     }
 
     #[test]
     fn what_cannot_be_heard_is_refused() {
-        let watch = |millihertz, alarm_pm| ResonanceWatch { frequency_millihertz: millihertz, alarm_pm }.accepted(RATE);
+        let watch = |millihertz, alarm_pm| {
+            ResonanceWatch {
+                frequency_millihertz: millihertz,
+                alarm_pm,
+            }
+            .accepted(RATE)
+        };
         assert!(watch(0, 0) && watch(80_000, 1) && watch(9_920_000, 256_000_000));
         assert!(!watch(79_999, 0) && !watch(9_920_001, 0) && !watch(735_000, 256_000_001));
         let mut telemetry = listening(735.0, 20);
-        assert!(telemetry.listen(ResonanceWatch { frequency_millihertz: 1, alarm_pm: 0 }).is_err());
-        assert_eq!(telemetry.watch(), ResonanceWatch { frequency_millihertz: 735_000, alarm_pm: 20_000 });
+        assert!(
+            telemetry
+                .listen(ResonanceWatch {
+                    frequency_millihertz: 1,
+                    alarm_pm: 0
+                })
+                .is_err()
+        );
+        assert_eq!(
+            telemetry.watch(),
+            ResonanceWatch {
+                frequency_millihertz: 735_000,
+                alarm_pm: 20_000
+            }
+        );
     }
 
     #[test]

@@ -73,7 +73,12 @@ fn fine(share: i32) -> i32 {
 /// `a + b x / 2` for `x` with 31 fraction bits, rounded: one step of Horner's rule.
 #[inline(always)]
 fn step(a: i32, b: i32, x: i32) -> i32 {
-    narrow(sum(sum(i64::from(b) * i64::from(x), i64::from(a) << 32), 1 << 31) >> 32)
+    narrow(
+        sum(
+            sum(i64::from(b) * i64::from(x), i64::from(a) << 32),
+            1 << 31,
+        ) >> 32,
+    )
 }
 
 #[inline(always)]
@@ -101,7 +106,13 @@ impl SurfaceCoefficients {
     #[inline]
     fn rising_from(&self, minimum: i32) -> Polynomial {
         let z = fine(minimum);
-        let [[g00, g01, g02, g03, g04], [g10, g11, g12, g13, _], [g20, g21, g22, ..], [g30, g31, ..], [g40, ..]] = self.g;
+        let [
+            [g00, g01, g02, g03, g04],
+            [g10, g11, g12, g13, _],
+            [g20, g21, g22, ..],
+            [g30, g31, ..],
+            [g40, ..],
+        ] = self.g;
         [
             step(g00, step(g01, step(g02, step(g03, g04, z), z), z), z),
             step(g10, step(g11, step(g12, g13, z), z), z),
@@ -115,7 +126,13 @@ impl SurfaceCoefficients {
     #[inline]
     fn falling_from(&self, maximum: i32) -> Polynomial {
         let x = fine(maximum);
-        let [[g00, g01, g02, g03, g04], [g10, g11, g12, g13, _], [g20, g21, g22, ..], [g30, g31, ..], [g40, ..]] = self.g;
+        let [
+            [g00, g01, g02, g03, g04],
+            [g10, g11, g12, g13, _],
+            [g20, g21, g22, ..],
+            [g30, g31, ..],
+            [g40, ..],
+        ] = self.g;
         [
             step(g00, step(g10, step(g20, step(g30, g40, x), x), x), x),
             step(g01, step(g11, step(g21, g31, x), x), x),
@@ -151,7 +168,10 @@ impl PartialOrd for Extremum {
 impl core::ops::Sub for Extremum {
     type Output = Self;
     fn sub(self, other: Self) -> Self {
-        Self { share: self.share.wrapping_sub(other.share), output: self.output.wrapping_sub(other.output) }
+        Self {
+            share: self.share.wrapping_sub(other.share),
+            output: self.output.wrapping_sub(other.output),
+        }
     }
 }
 
@@ -166,7 +186,8 @@ impl Section {
     #[inline]
     fn output(&self, share: i32) -> i32 {
         // Surfaces that no actuator has could leave the format: they saturate (two instructions).
-        let above = horner(&self.polynomial, share).clamp(i32::MIN >> OUTPUT_SHIFT, i32::MAX >> OUTPUT_SHIFT);
+        let above = horner(&self.polynomial, share)
+            .clamp(i32::MIN >> OUTPUT_SHIFT, i32::MAX >> OUTPUT_SHIFT);
         self.base.saturating_add(above << OUTPUT_SHIFT)
     }
 
@@ -179,7 +200,10 @@ impl Section {
             let (value, slope) = horner_with_slope(&self.polynomial, share);
             let slope = slope.max(LEAST_SLOPE);
             // No step beyond the whole range.
-            let error = wanted.wrapping_sub(value).min(slope).max(slope.wrapping_neg());
+            let error = wanted
+                .wrapping_sub(value)
+                .min(slope)
+                .max(slope.wrapping_neg());
             // A reciprocal of 10 to 20 bits is enough for a step that is repeated.
             let reciprocal = (1u32 << 31).checked_div((slope >> 7) as u32).unwrap_or(0);
             let step = narrow((i64::from(error) * i64::from(reciprocal)) >> 8);
@@ -214,44 +238,74 @@ impl OneSidedHysteresis {
     /// A virgin actuator at the lower limit of the drive.
     #[must_use]
     pub fn virgin(surfaces: SurfaceCoefficients) -> Self {
-        let section = Section { polynomial: surfaces.f, base: 0 };
+        let section = Section {
+            polynomial: surfaces.f,
+            base: 0,
+        };
         let output = section.output(0);
         let mut stack = ExtremaStack::virgin(Extremum { share: 0, output });
         stack.update(Extremum { share: 0, output });
-        Self { surfaces, stack, section, output }
+        Self {
+            surfaces,
+            stack,
+            section,
+            output,
+        }
     }
 
     /// Applies a drive share (0 to 1) and returns the force-equivalent displacement, um.
     pub fn apply(&mut self, share: i32) -> i32 {
         let share = share.clamp(0, ONE);
-        let before = (self.stack.pairs().len(), self.stack.open_maximum().is_some());
+        let before = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_some(),
+        );
         let unchanged = self.stack.update(Extremum { share, output: 0 });
-        let after = (self.stack.pairs().len(), self.stack.open_maximum().is_some());
+        let after = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_some(),
+        );
         if before != after || unchanged != after.0 {
             self.section = match (self.stack.open_maximum(), self.stack.pairs().last()) {
                 (Some(maximum), _) => self.falling(maximum),
                 (None, Some(last)) => self.rising(last.minimum),
-                (None, None) => Section { polynomial: self.surfaces.f, base: 0 },
+                (None, None) => Section {
+                    polynomial: self.surfaces.f,
+                    base: 0,
+                },
             };
         }
         self.output = self.section.output(share);
         // The same drive: only the output beside it changes.
-        self.stack.replace_input(Extremum { share, output: self.output });
+        self.stack.replace_input(Extremum {
+            share,
+            output: self.output,
+        });
         self.output
     }
 
     /// The drive share that gives the output `target`, um, from here. Nothing is changed.
     #[must_use]
     pub fn inverse(&self, target: i32) -> Inverse {
-        let now = Extremum { share: self.stack.input().share, output: self.output };
-        if target >= self.output { self.inverse_rising(target, now) } else { self.inverse_falling(target, now) }
+        let now = Extremum {
+            share: self.stack.input().share,
+            output: self.output,
+        };
+        if target >= self.output {
+            self.inverse_rising(target, now)
+        } else {
+            self.inverse_falling(target, now)
+        }
     }
 
     fn inverse_rising(&self, target: i32, now: Extremum) -> Inverse {
         let mut low = now.share;
         if let Some(maximum) = self.stack.open_maximum() {
             if target < maximum.output {
-                return Inverse { share: self.rising(now).solve(target, low, low, maximum.share), reachable: true };
+                return Inverse {
+                    share: self.rising(now).solve(target, low, low, maximum.share),
+                    reachable: true,
+                };
             }
             low = maximum.share;
         }
@@ -259,28 +313,53 @@ impl OneSidedHysteresis {
         for (k, pair) in self.stack.pairs().iter().enumerate().rev() {
             if target < pair.maximum.output {
                 let kept = self.stack.open_maximum().is_none() && k + 1 == innermost;
-                let section = if kept { self.section } else { self.rising(pair.minimum) };
-                return Inverse { share: section.solve(target, low, low, pair.maximum.share), reachable: true };
+                let section = if kept {
+                    self.section
+                } else {
+                    self.rising(pair.minimum)
+                };
+                return Inverse {
+                    share: section.solve(target, low, low, pair.maximum.share),
+                    reachable: true,
+                };
             }
             low = pair.maximum.share;
         }
-        let section = Section { polynomial: self.surfaces.f, base: 0 };
-        Inverse { share: section.solve(target, low, low, ONE), reachable: target <= section.output(ONE) }
+        let section = Section {
+            polynomial: self.surfaces.f,
+            base: 0,
+        };
+        Inverse {
+            share: section.solve(target, low, low, ONE),
+            reachable: target <= section.output(ONE),
+        }
     }
 
     fn inverse_falling(&self, target: i32, now: Extremum) -> Inverse {
         let mut high = now.share;
         // The maximum that the section under test falls from; `None`: the section that is running.
-        let mut from = if self.stack.open_maximum().is_some() { None } else { Some(now) };
+        let mut from = if self.stack.open_maximum().is_some() {
+            None
+        } else {
+            Some(now)
+        };
         for pair in self.stack.pairs().iter().rev() {
             if target > pair.minimum.output {
-                return Inverse { share: self.falling_or_kept(from).solve(target, high, pair.minimum.share, high), reachable: true };
+                return Inverse {
+                    share: self
+                        .falling_or_kept(from)
+                        .solve(target, high, pair.minimum.share, high),
+                    reachable: true,
+                };
             }
             high = pair.minimum.share;
             from = Some(pair.maximum);
         }
         let section = self.falling_or_kept(from);
-        Inverse { share: section.solve(target, high, 0, high), reachable: target >= section.output(0) }
+        Inverse {
+            share: section.solve(target, high, 0, high),
+            reachable: target >= section.output(0),
+        }
     }
 
     fn falling_or_kept(&self, from: Option<Extremum>) -> Section {
@@ -288,11 +367,17 @@ impl OneSidedHysteresis {
     }
 
     fn rising(&self, minimum: Extremum) -> Section {
-        Section { polynomial: self.surfaces.rising_from(minimum.share), base: minimum.output }
+        Section {
+            polynomial: self.surfaces.rising_from(minimum.share),
+            base: minimum.output,
+        }
     }
 
     fn falling(&self, maximum: Extremum) -> Section {
-        Section { polynomial: self.surfaces.falling_from(maximum.share), base: maximum.output }
+        Section {
+            polynomial: self.surfaces.falling_from(maximum.share),
+            base: maximum.output,
+        }
     }
 
     /// The same memory of the drive under other surfaces. Not for the tick: the whole memory is evaluated

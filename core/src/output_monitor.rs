@@ -39,7 +39,13 @@ pub struct MonitorParameters {
 impl MonitorParameters {
     /// From the scale in uV, the tolerance in mV and the longest time constant in us.
     #[must_use]
-    pub fn new(at_code_0_uv: i32, span_uv: u32, tolerance_mv: u16, lag_us: u32, sample_rate_hz: u32) -> Self {
+    pub fn new(
+        at_code_0_uv: i32,
+        span_uv: u32,
+        tolerance_mv: u16,
+        lag_us: u32,
+        sample_rate_hz: u32,
+    ) -> Self {
         // 1 / (1 + lag in ticks), which is no more than 1 - exp(-1 / lag).
         let period = 1_000_000u64;
         let lag = u64::from(lag_us) * u64::from(sample_rate_hz);
@@ -74,7 +80,12 @@ impl OutputMonitor {
     /// With the power stage off.
     #[must_use]
     pub fn new(parameters: MonitorParameters) -> Self {
-        Self { parameters, lowest: 0, highest: 0, powered_ticks: 0 }
+        Self {
+            parameters,
+            lowest: 0,
+            highest: 0,
+            powered_ticks: 0,
+        }
     }
 
     /// Takes a tick: what the monitor read during the last period (`None`: its converter did not answer),
@@ -93,8 +104,12 @@ impl OutputMonitor {
         };
         // Rounded so that a bound comes back a little later.
         let lost = |distance: i64| (distance * i64::from(self.parameters.decay)) >> DECAY_BITS;
-        self.highest = drive.max(narrow(i64::from(self.highest) - lost(i64::from(self.highest) - i64::from(drive))));
-        self.lowest = drive.min(narrow(i64::from(self.lowest) + lost(i64::from(drive) - i64::from(self.lowest))));
+        self.highest = drive.max(narrow(
+            i64::from(self.highest) - lost(i64::from(self.highest) - i64::from(drive)),
+        ));
+        self.lowest = drive.min(narrow(
+            i64::from(self.lowest) + lost(i64::from(drive) - i64::from(self.lowest)),
+        ));
         fault
     }
 
@@ -105,7 +120,11 @@ impl OutputMonitor {
         };
         let p = &self.parameters;
         let read = i64::from(p.zero) + ((i64::from(code) * p.step) >> 16);
-        let (lowest, highest, tolerance) = (i64::from(self.lowest), i64::from(self.highest), i64::from(p.tolerance));
+        let (lowest, highest, tolerance) = (
+            i64::from(self.lowest),
+            i64::from(self.highest),
+            i64::from(p.tolerance),
+        );
         (read < lowest - tolerance || read > highest + tolerance).then_some(Fault::OutputDiffers)
     }
 }
@@ -121,7 +140,11 @@ mod tests {
     }
 
     fn code(volts: f64) -> Option<u16> {
-        Some(((volts + 30.0) / 180.0 * 65_536.0).round().clamp(0.0, 65_535.0) as u16)
+        Some(
+            ((volts + 30.0) / 180.0 * 65_536.0)
+                .round()
+                .clamp(0.0, 65_535.0) as u16,
+        )
     }
 
     fn fixed(volts: f64) -> i32 {
@@ -168,12 +191,24 @@ mod tests {
         // allows of the ramp, 2 ms of 100 V/s.
         let differs = |gain: f64, lag_ms: f64| run(gain, lag_ms, ramp, 20_000);
         let (at, fault) = differs(1.015, 0.1).expect("wrong gain");
-        assert!(fault == Fault::OutputDiffers && (32.0..35.5).contains(&ramp(at)), "{at} {fault:?}");
+        assert!(
+            fault == Fault::OutputDiffers && (32.0..35.5).contains(&ramp(at)),
+            "{at} {fault:?}"
+        );
         let (at, fault) = differs(0.0, 0.1).expect("dead");
-        assert!(fault == Fault::OutputDiffers && ramp(at) < 0.8, "{at} {fault:?}");
-        assert_eq!(differs(10.0, 0.1).map(|(_, fault)| fault), Some(Fault::OutputDiffers));
+        assert!(
+            fault == Fault::OutputDiffers && ramp(at) < 0.8,
+            "{at} {fault:?}"
+        );
+        assert_eq!(
+            differs(10.0, 0.1).map(|(_, fault)| fault),
+            Some(Fault::OutputDiffers)
+        );
         // Ten times too slow: a block for a faster amplifier.
-        assert_eq!(run(1.0, 20.0, steps, 20_000).map(|(_, fault)| fault), Some(Fault::OutputDiffers));
+        assert_eq!(
+            run(1.0, 20.0, steps, 20_000).map(|(_, fault)| fault),
+            Some(Fault::OutputDiffers)
+        );
         assert_eq!(differs(1.0, 0.1), None);
         // An open cable, behind the time that the relay has.
         let mut monitor = OutputMonitor::new(parameters());
@@ -182,6 +217,10 @@ mod tests {
             monitor.inspect(code, 0, true)
         });
         assert_eq!(faults, [Some(Fault::MonitorOutOfRange); 3]);
-        assert_eq!(monitor.inspect(None, 0, false), None, "nothing is looked at while the power stage is off");
+        assert_eq!(
+            monitor.inspect(None, 0, false),
+            None,
+            "nothing is looked at while the power stage is off"
+        );
     }
 }

@@ -18,11 +18,15 @@ use crate::gain_adaptation::AdaptationParameters;
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
 use crate::learned_feedforward::LearningParameters;
-use crate::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients};
+use crate::one_sided_hysteresis::{
+    SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients,
+};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
 use crate::sensor_lag::SensorLag;
-use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
+use crate::servo_parameters::{
+    ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters,
+};
 use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
@@ -119,7 +123,9 @@ impl BlockError {
             Self::Range(what) => what,
             Self::Unstable => "by its own figure the design is not stable when sampled",
             Self::NoRoom => "larger than the buffer",
-            Self::Ambiguous => "two blocks, and neither replaces the other: erase one, or bring one by command",
+            Self::Ambiguous => {
+                "two blocks, and neither replaces the other: erase one, or bring one by command"
+            }
             Self::BeyondEnvelope(what) => what,
             Self::NoEnvelope => "no safety envelope: nothing is driven without one",
         }
@@ -146,7 +152,10 @@ impl<'a> Writer<'a> {
 
     fn put(&mut self, bytes: &[u8]) -> Result<(), BlockError> {
         let end = self.at.checked_add(bytes.len()).ok_or(BlockError::NoRoom)?;
-        self.bytes.get_mut(self.at..end).ok_or(BlockError::NoRoom)?.copy_from_slice(bytes);
+        self.bytes
+            .get_mut(self.at..end)
+            .ok_or(BlockError::NoRoom)?
+            .copy_from_slice(bytes);
         self.at = end;
         Ok(())
     }
@@ -171,7 +180,10 @@ impl<'a> Reader<'a> {
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N], BlockError> {
-        let (chunk, rest) = self.rest.split_first_chunk::<N>().ok_or(BlockError::Length)?;
+        let (chunk, rest) = self
+            .rest
+            .split_first_chunk::<N>()
+            .ok_or(BlockError::Length)?;
         self.rest = rest;
         Ok(*chunk)
     }
@@ -185,7 +197,12 @@ pub(crate) const KEPT_HEADER_BYTES: usize = 8;
 ///
 /// # Errors
 /// [`BlockError::NoRoom`].
-pub fn write_kept(magic: [u8; 4], version: u16, value: &impl Wire, bytes: &mut [u8]) -> Result<usize, BlockError> {
+pub fn write_kept(
+    magic: [u8; 4],
+    version: u16,
+    value: &impl Wire,
+    bytes: &mut [u8],
+) -> Result<usize, BlockError> {
     let mut writer = Writer::new(bytes);
     writer.put(&magic)?;
     version.write(&mut writer)?;
@@ -324,13 +341,50 @@ wire_struct!(ConverterParameters {
     dac_bits,
     noise_shaping
 });
-wire_struct!(CreepInverseParameters { terms, pair, shares, rates, thresholds, pair_shares, pair_rates, at_rest });
-wire_struct!(PidParameters { proportional_derivative, integral, feedforward, creep, notch });
-wire_struct!(EstimatorParameters { rows, unknown_input });
+wire_struct!(CreepInverseParameters {
+    terms,
+    pair,
+    shares,
+    rates,
+    thresholds,
+    pair_shares,
+    pair_rates,
+    at_rest
+});
+wire_struct!(PidParameters {
+    proportional_derivative,
+    integral,
+    feedforward,
+    creep,
+    notch
+});
+wire_struct!(EstimatorParameters {
+    rows,
+    unknown_input
+});
 wire_struct!(Prediction { rows });
-wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
-wire_struct!(LearningParameters { learning, robustness, error_limit, point_limit, periods_per_halving, most_halvings });
-wire_struct!(AdaptationParameters { most, most_step, error_limit, least_motion });
+wire_struct!(PredictorParameters {
+    state_rows,
+    unknown_gain,
+    slope_gain,
+    reading_row,
+    gain_row,
+    feedforward
+});
+wire_struct!(LearningParameters {
+    learning,
+    robustness,
+    error_limit,
+    point_limit,
+    periods_per_halving,
+    most_halvings
+});
+wire_struct!(AdaptationParameters {
+    most,
+    most_step,
+    error_limit,
+    least_motion
+});
 wire_struct!(GuardParameters {
     adc_code_min,
     adc_code_max,
@@ -354,8 +408,20 @@ wire_struct!(PhysicalDescription {
 
 impl Wire for AmplifierParameters {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
-        let Self { physical, servo: ServoParameters { sensor_lag, converters, actuator, law, delayed, learning, adaptation }, guard } =
-            self;
+        let Self {
+            physical,
+            servo:
+                ServoParameters {
+                    sensor_lag,
+                    converters,
+                    actuator,
+                    law,
+                    delayed,
+                    learning,
+                    adaptation,
+                },
+            guard,
+        } = self;
         physical.write(to)?;
         converters.write(to)?;
         actuator.write(to)?;
@@ -363,8 +429,12 @@ impl Wire for AmplifierParameters {
         delayed.write(to)?;
         sensor_lag.write(to)?;
         guard.write(to)?;
-        learning.as_ref().map_or(Ok(()), |learning| learning.write(to))?;
-        adaptation.as_ref().map_or(Ok(()), |adaptation| adaptation.write(to))
+        learning
+            .as_ref()
+            .map_or(Ok(()), |learning| learning.write(to))?;
+        adaptation
+            .as_ref()
+            .map_or(Ok(()), |adaptation| adaptation.write(to))
     }
     fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
         let physical = Wire::read(from)?;
@@ -384,14 +454,21 @@ impl Wire for AmplifierParameters {
         if !from.rest.is_empty() {
             servo.adaptation = Some(Wire::read(from)?);
         }
-        Ok(Self { physical, servo, guard })
+        Ok(Self {
+            physical,
+            servo,
+            guard,
+        })
     }
 }
 
 impl Wire for Reaching {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
         match self {
-            Self::Pid { proportional_derivative, integral } => {
+            Self::Pid {
+                proportional_derivative,
+                integral,
+            } => {
                 0u8.write(to)?;
                 proportional_derivative.write(to)?;
                 integral.write(to)
@@ -400,7 +477,10 @@ impl Wire for Reaching {
                 1u8.write(to)?;
                 magnitude.write(to)
             }
-            Self::BoundaryLayer { magnitude, thickness } => {
+            Self::BoundaryLayer {
+                magnitude,
+                thickness,
+            } => {
                 2u8.write(to)?;
                 magnitude.write(to)?;
                 thickness.write(to)
@@ -409,9 +489,17 @@ impl Wire for Reaching {
     }
     fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
         Ok(match u8::read(from)? {
-            0 => Self::Pid { proportional_derivative: Wire::read(from)?, integral: Wire::read(from)? },
-            1 => Self::Switching { magnitude: Wire::read(from)? },
-            2 => Self::BoundaryLayer { magnitude: Wire::read(from)?, thickness: Wire::read(from)? },
+            0 => Self::Pid {
+                proportional_derivative: Wire::read(from)?,
+                integral: Wire::read(from)?,
+            },
+            1 => Self::Switching {
+                magnitude: Wire::read(from)?,
+            },
+            2 => Self::BoundaryLayer {
+                magnitude: Wire::read(from)?,
+                thickness: Wire::read(from)?,
+            },
             _ => return Err(BlockError::Value),
         })
     }
@@ -421,12 +509,20 @@ impl Wire for ActuatorParameters {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
         match self {
             Self::Direct => 0u8.write(to),
-            Self::Linear { volts_per_micrometre, micrometres_per_volt } => {
+            Self::Linear {
+                volts_per_micrometre,
+                micrometres_per_volt,
+            } => {
                 1u8.write(to)?;
                 volts_per_micrometre.write(to)?;
                 micrometres_per_volt.write(to)
             }
-            Self::OneSidedHysteresis { surfaces, drive_min, drive_range, share_per_volt } => {
+            Self::OneSidedHysteresis {
+                surfaces,
+                drive_min,
+                drive_range,
+                share_per_volt,
+            } => {
                 2u8.write(to)?;
                 surfaces.write(to)?;
                 drive_min.write(to)?;
@@ -438,7 +534,10 @@ impl Wire for ActuatorParameters {
     fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
         Ok(match u8::read(from)? {
             0 => Self::Direct,
-            1 => Self::Linear { volts_per_micrometre: Wire::read(from)?, micrometres_per_volt: Wire::read(from)? },
+            1 => Self::Linear {
+                volts_per_micrometre: Wire::read(from)?,
+                micrometres_per_volt: Wire::read(from)?,
+            },
             2 => Self::OneSidedHysteresis {
                 surfaces: Wire::read(from)?,
                 drive_min: Wire::read(from)?,
@@ -458,7 +557,10 @@ impl Wire for LawParameters {
                 1u8.write(to)?;
                 parameters.write(to)
             }
-            Self::SlidingMode { estimator, controller: c } => {
+            Self::SlidingMode {
+                estimator,
+                controller: c,
+            } => {
                 // With a prediction it is a law of its own, so that blocks without one stay as they are.
                 let tag: u8 = if c.prediction.is_some() { 4 } else { 2 };
                 tag.write(to)?;
@@ -468,7 +570,9 @@ impl Wire for LawParameters {
                 c.switching_function.write(to)?;
                 c.equivalent_control.write(to)?;
                 c.reaching.write(to)?;
-                c.prediction.as_ref().map_or(Ok(()), |prediction| prediction.write(to))
+                c.prediction
+                    .as_ref()
+                    .map_or(Ok(()), |prediction| prediction.write(to))
             }
             Self::Predictor(parameters) => {
                 3u8.write(to)?;
@@ -488,7 +592,11 @@ impl Wire for LawParameters {
                     switching_function: Wire::read(from)?,
                     equivalent_control: Wire::read(from)?,
                     reaching: Wire::read(from)?,
-                    prediction: if tag == 4 { Some(Wire::read(from)?) } else { None },
+                    prediction: if tag == 4 {
+                        Some(Wire::read(from)?)
+                    } else {
+                        None
+                    },
                 },
             },
             3 => Self::Predictor(Wire::read(from)?),
@@ -510,7 +618,11 @@ pub fn write(parameters: &AmplifierParameters, bytes: &mut [u8]) -> Result<usize
     parameters.write(&mut writer)?;
     let end = writer.at;
     let content = (end - HEADER_BYTES) as u32;
-    writer.bytes.get_mut(8..HEADER_BYTES).ok_or(BlockError::NoRoom)?.copy_from_slice(&content.to_le_bytes());
+    writer
+        .bytes
+        .get_mut(8..HEADER_BYTES)
+        .ok_or(BlockError::NoRoom)?
+        .copy_from_slice(&content.to_le_bytes());
     let checksum = crc32(writer.bytes.get(..end).ok_or(BlockError::NoRoom)?);
     checksum.write(&mut writer)?;
     Ok(writer.at)
@@ -535,12 +647,20 @@ pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, Bl
     if content > BLOCK_BYTES {
         return Err(BlockError::Length);
     }
-    let checked = bytes.get(..HEADER_BYTES + content).ok_or(BlockError::Length)?;
-    let mut tail = Reader { rest: bytes.get(HEADER_BYTES + content..).ok_or(BlockError::Length)? };
+    let checked = bytes
+        .get(..HEADER_BYTES + content)
+        .ok_or(BlockError::Length)?;
+    let mut tail = Reader {
+        rest: bytes
+            .get(HEADER_BYTES + content..)
+            .ok_or(BlockError::Length)?,
+    };
     if u32::read(&mut tail)? != crc32(checked) {
         return Err(BlockError::Checksum);
     }
-    let mut reader = Reader { rest: checked.get(HEADER_BYTES..).ok_or(BlockError::Length)? };
+    let mut reader = Reader {
+        rest: checked.get(HEADER_BYTES..).ok_or(BlockError::Length)?,
+    };
     let parameters = AmplifierParameters::read(&mut reader)?;
     if !reader.rest.is_empty() {
         return Err(BlockError::Length);
@@ -562,7 +682,10 @@ pub fn generation(bytes: &[u8]) -> u16 {
 /// not all there.
 #[must_use]
 pub fn fingerprint(bytes: &[u8]) -> Option<u32> {
-    let content = bytes.get(8..HEADER_BYTES)?.first_chunk().map(|length| u32::from_le_bytes(*length))?;
+    let content = bytes
+        .get(8..HEADER_BYTES)?
+        .first_chunk()
+        .map(|length| u32::from_le_bytes(*length))?;
     let end = HEADER_BYTES.checked_add(content as usize)?;
     bytes.get(HEADER_BYTES..end).map(crc32)
 }
@@ -572,8 +695,13 @@ pub fn fingerprint(bytes: &[u8]) -> Option<u32> {
 /// # Errors
 /// [`BlockError::Length`] if it is shorter than any block.
 pub fn set_generation(block: &mut [u8], generation: u16) -> Result<(), BlockError> {
-    block.get_mut(6..8).ok_or(BlockError::Length)?.copy_from_slice(&generation.to_le_bytes());
-    let (content, checksum) = block.split_last_chunk_mut::<4>().ok_or(BlockError::Length)?;
+    block
+        .get_mut(6..8)
+        .ok_or(BlockError::Length)?
+        .copy_from_slice(&generation.to_le_bytes());
+    let (content, checksum) = block
+        .split_last_chunk_mut::<4>()
+        .ok_or(BlockError::Length)?;
     *checksum = crc32(content).to_le_bytes();
     Ok(())
 }
@@ -584,12 +712,17 @@ const RECIPROCAL_SHIFT: u32 = 10;
 /// Whether `a * b` is `2^bits` within a thousandth.
 fn reciprocal(a: i64, b: i64, bits: u32) -> bool {
     let exact = 1i64 << bits;
-    a.checked_mul(b).is_some_and(|product| product.abs_diff(exact) <= (exact >> RECIPROCAL_SHIFT) as u64)
+    a.checked_mul(b)
+        .is_some_and(|product| product.abs_diff(exact) <= (exact >> RECIPROCAL_SHIFT) as u64)
 }
 
 /// Whether no sum of this row can leave 64 bits, whatever the signals.
 fn bounded<const N: usize, const Q: u32>(row: &Row<N, Q>) -> bool {
-    row.coefficients.iter().map(|c| i64::from(c.unsigned_abs())).sum::<i64>() < 1 << 31
+    row.coefficients
+        .iter()
+        .map(|c| i64::from(c.unsigned_abs()))
+        .sum::<i64>()
+        < 1 << 31
 }
 
 impl PredictorParameters {
@@ -599,7 +732,10 @@ impl PredictorParameters {
             && has_room(&self.gain_row.coefficients)
             && has_room(&[self.unknown_gain])
             && has_room(&[self.slope_gain])
-            && self.state_rows.iter().all(|row| has_room(&row.coefficients))
+            && self
+                .state_rows
+                .iter()
+                .all(|row| has_room(&row.coefficients))
     }
 }
 
@@ -607,7 +743,10 @@ impl PredictorParameters {
 #[inline(never)]
 fn has_room(row: &[i32]) -> bool {
     // A unit for the rounding of each.
-    row.iter().map(|c| 5 * i64::from(c.unsigned_abs()) + 8).sum::<i64>() < 4 << 31
+    row.iter()
+        .map(|c| 5 * i64::from(c.unsigned_abs()) + 8)
+        .sum::<i64>()
+        < 4 << 31
 }
 
 /// Whether every intermediate value of a polynomial of the drive share stays within 32 bits
@@ -615,8 +754,15 @@ fn has_room(row: &[i32]) -> bool {
 fn bounded_surface(coefficients: impl Iterator<Item = (usize, i32)> + Clone) -> bool {
     SURFACE_LIMITS_UM.iter().enumerate().all(|(degree, limit)| {
         // Rounded up, um with the fraction bits of the constant.
-        let magnitude = |(of, c): (usize, i32)| if of < degree { 0 } else { (i64::from(c.unsigned_abs()) >> of) + 1 };
-        coefficients.clone().map(magnitude).sum::<i64>() < i64::from(*limit) << SURFACE_FRACTION_BITS
+        let magnitude = |(of, c): (usize, i32)| {
+            if of < degree {
+                0
+            } else {
+                (i64::from(c.unsigned_abs()) >> of) + 1
+            }
+        };
+        coefficients.clone().map(magnitude).sum::<i64>()
+            < i64::from(*limit) << SURFACE_FRACTION_BITS
     })
 }
 
@@ -633,11 +779,20 @@ impl LawParameters {
                     && p.creep.thresholds.iter().all(|threshold| *threshold >= 0)
                     && usize::from(p.creep.terms) <= CREEP_TERMS
             }
-            Self::SlidingMode { estimator, controller: p } => {
+            Self::SlidingMode {
+                estimator,
+                controller: p,
+            } => {
                 let reaching = match &p.reaching {
-                    Reaching::Pid { proportional_derivative, .. } => bounded(proportional_derivative),
+                    Reaching::Pid {
+                        proportional_derivative,
+                        ..
+                    } => bounded(proportional_derivative),
                     Reaching::Switching { magnitude } => *magnitude >= 0,
-                    Reaching::BoundaryLayer { magnitude, thickness } => *magnitude >= 0 && *thickness >= 0,
+                    Reaching::BoundaryLayer {
+                        magnitude,
+                        thickness,
+                    } => *magnitude >= 0 && *thickness >= 0,
                 };
                 reaching
                     && estimator.rows.iter().all(bounded)
@@ -646,10 +801,16 @@ impl LawParameters {
                     && bounded(&p.reference_drive)
                     && bounded(&p.switching_function)
                     && bounded(&p.equivalent_control)
-                    && p.prediction.iter().flat_map(|prediction| &prediction.rows).all(bounded)
+                    && p.prediction
+                        .iter()
+                        .flat_map(|prediction| &prediction.rows)
+                        .all(bounded)
             }
             Self::Predictor(p) => {
-                p.state_rows.iter().all(bounded) && bounded(&p.reading_row) && bounded(&p.gain_row) && bounded(&p.feedforward)
+                p.state_rows.iter().all(bounded)
+                    && bounded(&p.reading_row)
+                    && bounded(&p.gain_row)
+                    && bounded(&p.feedforward)
             }
         }
     }
@@ -662,18 +823,33 @@ impl LawParameters {
 /// stands, so its whole span must fit on one side of zero: 127 um.
 fn converters_fit(c: &ConverterParameters) -> Result<(), BlockError> {
     let has_bits = |bits: u8| (LEAST_BITS..=MOST_BITS).contains(&bits);
-    if !has_bits(c.adc_bits) || !has_bits(c.dac_bits) || c.dac_code_max > DriveCode::highest(c.dac_bits) {
-        return Err(BlockError::Range("converters have 8 to 20 bits, and no code beyond them"));
+    if !has_bits(c.adc_bits)
+        || !has_bits(c.dac_bits)
+        || c.dac_code_max > DriveCode::highest(c.dac_bits)
+    {
+        return Err(BlockError::Range(
+            "converters have 8 to 20 bits, and no code beyond them",
+        ));
     }
-    let end = |zero: i32, step: i64, code: i64| step.checked_mul(code).map(|all| i64::from(zero) + (all >> 16));
+    let end = |zero: i32, step: i64, code: i64| {
+        step.checked_mul(code)
+            .map(|all| i64::from(zero) + (all >> 16))
+    };
     let within = |end: Option<i64>| end.is_some_and(|end| i32::try_from(end).is_ok());
     if c.adc_step <= 0
         || c.adc_step > (127i64 << 40) >> c.adc_bits
-        || !within(end(c.adc_zero, c.adc_step, SensorCode::highest(c.adc_bits).into()))
+        || !within(end(
+            c.adc_zero,
+            c.adc_step,
+            SensorCode::highest(c.adc_bits).into(),
+        ))
     {
-        return Err(BlockError::Range("the sensor's span must be at most 127 um, within +-128 um"));
+        return Err(BlockError::Range(
+            "the sensor's span must be at most 127 um, within +-128 um",
+        ));
     }
-    let whole_drive = within(end(0, c.dac_step, c.dac_code_max.into())) && within(end(c.dac_zero, c.dac_step, c.dac_code_max.into()));
+    let whole_drive = within(end(0, c.dac_step, c.dac_code_max.into()))
+        && within(end(c.dac_zero, c.dac_step, c.dac_code_max.into()));
     if c.dac_step <= 0 || !whole_drive {
         return Err(BlockError::Range("the drive must stay within +-512 V"));
     }
@@ -685,29 +861,71 @@ fn converters_fit(c: &ConverterParameters) -> Result<(), BlockError> {
 }
 
 /// Whether the actuator's integers keep every signal within its format and fit the limits of the drive.
-fn actuator_fits(actuator: &ActuatorParameters, physical: &PhysicalDescription, step_mv: i64) -> Result<(), BlockError> {
+fn actuator_fits(
+    actuator: &ActuatorParameters,
+    physical: &PhysicalDescription,
+    step_mv: i64,
+) -> Result<(), BlockError> {
     match actuator {
         ActuatorParameters::Direct => Ok(()),
-        ActuatorParameters::Linear { volts_per_micrometre, micrometres_per_volt } => {
+        ActuatorParameters::Linear {
+            volts_per_micrometre,
+            micrometres_per_volt,
+        } => {
             // V/um (20) times um/V (28).
-            let fits = reciprocal((*volts_per_micrometre).into(), (*micrometres_per_volt).into(), 48);
-            if fits { Ok(()) } else { Err(BlockError::Mismatch) }
+            let fits = reciprocal(
+                (*volts_per_micrometre).into(),
+                (*micrometres_per_volt).into(),
+                48,
+            );
+            if fits {
+                Ok(())
+            } else {
+                Err(BlockError::Mismatch)
+            }
         }
-        ActuatorParameters::OneSidedHysteresis { surfaces, drive_min, drive_range, share_per_volt } => {
+        ActuatorParameters::OneSidedHysteresis {
+            surfaces,
+            drive_min,
+            drive_range,
+            share_per_volt,
+        } => {
             let within = |(i, j): (usize, usize)| i + j < SURFACE_SIZE;
-            let places = (0..SURFACE_SIZE).flat_map(|i| (0..SURFACE_SIZE).map(move |j| (i, j))).filter(|place| within(*place));
-            let loops = places.map(|(i, j)| (i + j, surfaces.g.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0)));
+            let places = (0..SURFACE_SIZE)
+                .flat_map(|i| (0..SURFACE_SIZE).map(move |j| (i, j)))
+                .filter(|place| within(*place));
+            let loops = places.map(|(i, j)| {
+                (
+                    i + j,
+                    surfaces
+                        .g
+                        .get(i)
+                        .and_then(|row| row.get(j))
+                        .copied()
+                        .unwrap_or(0),
+                )
+            });
             if !bounded_surface(loops) || !bounded_surface(surfaces.f.iter().copied().enumerate()) {
-                return Err(BlockError::Range("a coefficient of the hysteresis is beyond its format"));
+                return Err(BlockError::Range(
+                    "a coefficient of the hysteresis is beyond its format",
+                ));
             }
             // Volts with 22 fraction bits, mV.
             let millivolts = |value: i64| (value * 1000) >> 22;
             let near = |value: i64, limit: i64| (millivolts(value) - limit).abs() <= 2 * step_mv;
             let (low, range) = (i64::from(*drive_min), i64::from(*drive_range));
-            let limits = near(low, physical.drive_min_mv.into()) && near(low + range, physical.drive_max_mv.into());
+            let limits = near(low, physical.drive_min_mv.into())
+                && near(low + range, physical.drive_max_mv.into());
             // V (22) times 1/V (32); a range of less than 1 V would let a share leave 64 bits.
-            let fits = limits && *share_per_volt <= 1 << 32 && range > 0 && reciprocal(range, *share_per_volt, 54);
-            if fits && i32::try_from(low + range).is_ok() { Ok(()) } else { Err(BlockError::Mismatch) }
+            let fits = limits
+                && *share_per_volt <= 1 << 32
+                && range > 0
+                && reciprocal(range, *share_per_volt, 54);
+            if fits && i32::try_from(low + range).is_ok() {
+                Ok(())
+            } else {
+                Err(BlockError::Mismatch)
+            }
         }
     }
 }
@@ -718,7 +936,11 @@ fn actuator_fits(actuator: &ActuatorParameters, physical: &PhysicalDescription, 
 /// # Errors
 /// [`BlockError::SampleRate`], [`BlockError::Unstable`], [`BlockError::Range`], [`BlockError::Mismatch`].
 pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(), BlockError> {
-    let (physical, c, guard) = (&parameters.physical, &parameters.servo.converters, &parameters.guard);
+    let (physical, c, guard) = (
+        &parameters.physical,
+        &parameters.servo.converters,
+        &parameters.guard,
+    );
     if physical.sample_rate_hz != sample_rate_hz || sample_rate_hz == 0 {
         return Err(BlockError::SampleRate(physical.sample_rate_hz));
     }
@@ -729,46 +951,78 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     let step_mv = ((c.dac_step * 1000) >> 38) + 1;
     actuator_fits(&parameters.servo.actuator, physical, step_mv)?;
     if !parameters.servo.law.bounded() {
-        return Err(BlockError::Range("a coefficient of the law is beyond its format"));
+        return Err(BlockError::Range(
+            "a coefficient of the law is beyond its format",
+        ));
     }
     let predicts = matches!(&parameters.servo.law, LawParameters::SlidingMode { controller, .. } if controller.prediction.is_some());
     if predicts && !parameters.servo.delayed {
-        return Err(BlockError::Range("an estimate is only carried over the period of delay where there is one"));
+        return Err(BlockError::Range(
+            "an estimate is only carried over the period of delay where there is one",
+        ));
     }
     if !parameters.servo.sensor_lag.accepted() {
-        return Err(BlockError::Range("the lag of the sensor is beyond its format"));
+        return Err(BlockError::Range(
+            "the lag of the sensor is beyond its format",
+        ));
     }
-    if parameters.servo.learning.as_ref().is_some_and(|learning| !learning.accepted()) {
-        return Err(BlockError::Range("the filters of the learned correction are beyond their format"));
+    if parameters
+        .servo
+        .learning
+        .as_ref()
+        .is_some_and(|learning| !learning.accepted())
+    {
+        return Err(BlockError::Range(
+            "the filters of the learned correction are beyond their format",
+        ));
     }
     if let Some(adaptation) = &parameters.servo.adaptation {
         let LawParameters::Predictor(law) = &parameters.servo.law else {
             return Err(BlockError::Range("only a predictor adapts its gain"));
         };
         if !adaptation.accepted() || !law.has_room_to_scale() {
-            return Err(BlockError::Range("the bounds of the adapted gain are beyond their format"));
+            return Err(BlockError::Range(
+                "the bounds of the adapted gain are beyond their format",
+            ));
         }
     }
     // V per tick with 38 fraction bits.
-    let slew = (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
-    if c.slew_codes == 0 || c.slew_codes > NO_SLEW_LIMIT || i64::from(c.slew_codes) * c.dac_step > slew {
-        return Err(BlockError::Range("the slew limit must allow a code a tick, and no more than it says"));
+    let slew =
+        (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
+    if c.slew_codes == 0
+        || c.slew_codes > NO_SLEW_LIMIT
+        || i64::from(c.slew_codes) * c.dac_step > slew
+    {
+        return Err(BlockError::Range(
+            "the slew limit must allow a code a tick, and no more than it says",
+        ));
     }
     if guard.ramp_codes == 0 || guard.ramp_codes > c.slew_codes {
-        return Err(BlockError::Range("the ramp to rest must move, and no faster than the slew limit"));
+        return Err(BlockError::Range(
+            "the ramp to rest must move, and no faster than the slew limit",
+        ));
     }
     // Drive at a code, mV: V with 22 fraction bits + codes * V with 38.
-    let drive_mv = |code: DriveCode| ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22;
-    let near = |code: DriveCode, limit_mv: i32| (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv;
+    let drive_mv = |code: DriveCode| {
+        ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22
+    };
+    let near = |code: DriveCode, limit_mv: i32| {
+        (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv
+    };
     let span_nm = (((c.adc_step << c.adc_bits) >> 16) * 1000) >> 24;
     let fits = c.dac_code_min < c.dac_code_max
         && near(c.dac_code_min, physical.drive_min_mv)
         && near(c.dac_code_max, physical.drive_max_mv)
-        && (span_nm - i64::from(physical.sensor_span_nm)).abs() <= i64::from(physical.sensor_span_nm) / 1000 + 1
+        && (span_nm - i64::from(physical.sensor_span_nm)).abs()
+            <= i64::from(physical.sensor_span_nm) / 1000 + 1
         && (c.dac_code_min..=c.dac_code_max).contains(&guard.rest_code)
         && guard.adc_code_min < guard.adc_code_max
         && guard.adc_code_max <= SensorCode::highest(c.adc_bits);
-    if fits { Ok(()) } else { Err(BlockError::Mismatch) }
+    if fits {
+        Ok(())
+    } else {
+        Err(BlockError::Mismatch)
+    }
 }
 
 #[cfg(test)]
@@ -778,15 +1032,31 @@ pub(crate) mod tests {
     use std::vec::Vec;
 
     /// Bounds of the adapted gain.
-    pub(crate) const ADAPTATION_EXAMPLE: AdaptationParameters =
-        AdaptationParameters { most: 1 << 21, most_step: 1 << 17, error_limit: 1 << 23, least_motion: 1 << 18 };
+    pub(crate) const ADAPTATION_EXAMPLE: AdaptationParameters = AdaptationParameters {
+        most: 1 << 21,
+        most_step: 1 << 17,
+        error_limit: 1 << 23,
+        least_motion: 1 << 18,
+    };
 
     /// Triangular rows that learn slowly.
     pub(crate) fn learning_example() -> LearningParameters {
-        let taps = |scale: i32| core::array::from_fn(|k| if k == 0 { 0 } else { (32 - (k as i32 - 32).abs()) * scale });
+        let taps = |scale: i32| {
+            core::array::from_fn(|k| {
+                if k == 0 {
+                    0
+                } else {
+                    (32 - (k as i32 - 32).abs()) * scale
+                }
+            })
+        };
         LearningParameters {
-            learning: Row { coefficients: taps(-77) },
-            robustness: Row { coefficients: taps(9) },
+            learning: Row {
+                coefficients: taps(-77),
+            },
+            robustness: Row {
+                coefficients: taps(9),
+            },
             error_limit: 1 << 22,
             point_limit: 3000,
             periods_per_halving: 2,
@@ -822,13 +1092,20 @@ pub(crate) mod tests {
                     dac_bits: 16,
                     noise_shaping: false,
                 },
-                actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
+                actuator: ActuatorParameters::Linear {
+                    volts_per_micrometre: 7 << 20,
+                    micrometres_per_volt: (1 << 28) / 7,
+                },
                 law: LawParameters::Regulator(PidParameters {
-                    proportional_derivative: Row { coefficients: [1 << 17, 0] },
+                    proportional_derivative: Row {
+                        coefficients: [1 << 17, 0],
+                    },
                     integral: 1 << 22,
                     feedforward: Row::default(),
                     creep: CreepInverseParameters::default(),
-                    notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
+                    notch: Row {
+                        coefficients: [1 << 28, 0, 0, 0, 0],
+                    },
                 }),
                 delayed: true,
                 learning: None,
@@ -851,60 +1128,110 @@ pub(crate) mod tests {
     #[test]
     fn every_law_and_actuator_comes_back_as_it_went() {
         let mut parameters = example();
-        let row = Row { coefficients: core::array::from_fn(|k| k as i32 * 1_000_003 - 7) };
+        let row = Row {
+            coefficients: core::array::from_fn(|k| k as i32 * 1_000_003 - 7),
+        };
         let laws = [
             LawParameters::Hold,
             parameters.servo.law,
             LawParameters::SlidingMode {
                 estimator: EstimatorParameters {
-                    rows: [Row { coefficients: [1, -2, 3, -4, 5, i32::MIN / 2] }; 3],
+                    rows: [Row {
+                        coefficients: [1, -2, 3, -4, 5, i32::MIN / 2],
+                    }; 3],
                     unknown_input: Row::default(),
                 },
                 controller: SlidingModeParameters {
                     reference_velocity: row,
-                    reference_drive: Row { coefficients: row.coefficients },
-                    switching_function: Row { coefficients: [3, 4] },
-                    equivalent_control: Row { coefficients: [5, 6] },
-                    reaching: Reaching::BoundaryLayer { magnitude: 7, thickness: 8 },
+                    reference_drive: Row {
+                        coefficients: row.coefficients,
+                    },
+                    switching_function: Row {
+                        coefficients: [3, 4],
+                    },
+                    equivalent_control: Row {
+                        coefficients: [5, 6],
+                    },
+                    reaching: Reaching::BoundaryLayer {
+                        magnitude: 7,
+                        thickness: 8,
+                    },
                     prediction: None,
                 },
             },
             LawParameters::Predictor(PredictorParameters {
-                state_rows: [Row { coefficients: core::array::from_fn(|k| -(k as i32)) }; crate::predictor_law::STATES],
+                state_rows: [Row {
+                    coefficients: core::array::from_fn(|k| -(k as i32)),
+                }; crate::predictor_law::STATES],
                 unknown_gain: 11,
                 slope_gain: -12,
                 reading_row: Row::default(),
                 gain_row: Row::default(),
-                feedforward: Row { coefficients: row.coefficients },
+                feedforward: Row {
+                    coefficients: row.coefficients,
+                },
             }),
             LawParameters::SlidingMode {
-                estimator: EstimatorParameters { rows: [Row::default(); 3], unknown_input: Row::default() },
+                estimator: EstimatorParameters {
+                    rows: [Row::default(); 3],
+                    unknown_input: Row::default(),
+                },
                 controller: SlidingModeParameters {
                     reference_velocity: row,
-                    reference_drive: Row { coefficients: row.coefficients },
-                    switching_function: Row { coefficients: [3, 4] },
-                    equivalent_control: Row { coefficients: [5, 6] },
-                    reaching: Reaching::Pid { proportional_derivative: Row { coefficients: [7, 8] }, integral: 9 },
-                    prediction: Some(Prediction { rows: [Row { coefficients: [1, -2, 3, -4] }; 2] }),
+                    reference_drive: Row {
+                        coefficients: row.coefficients,
+                    },
+                    switching_function: Row {
+                        coefficients: [3, 4],
+                    },
+                    equivalent_control: Row {
+                        coefficients: [5, 6],
+                    },
+                    reaching: Reaching::Pid {
+                        proportional_derivative: Row {
+                            coefficients: [7, 8],
+                        },
+                        integral: 9,
+                    },
+                    prediction: Some(Prediction {
+                        rows: [Row {
+                            coefficients: [1, -2, 3, -4],
+                        }; 2],
+                    }),
                 },
             },
         ];
-        let surfaces = SurfaceCoefficients { g: [[1, 2, 3, 4, 5]; 5], f: [-1, -2, -3, -4, -5] };
+        let surfaces = SurfaceCoefficients {
+            g: [[1, 2, 3, 4, 5]; 5],
+            f: [-1, -2, -3, -4, -5],
+        };
         let actuators = [
             ActuatorParameters::Direct,
             parameters.servo.actuator,
-            ActuatorParameters::OneSidedHysteresis { surfaces, drive_min: 0, drive_range: 80 << 22, share_per_volt: (1 << 32) / 80 },
+            ActuatorParameters::OneSidedHysteresis {
+                surfaces,
+                drive_min: 0,
+                drive_range: 80 << 22,
+                share_per_volt: (1 << 32) / 80,
+            },
         ];
         let learning = learning_example();
         for (nth, law) in laws.into_iter().enumerate() {
             for actuator in actuators {
                 parameters.servo.learning = (nth % 2 == 1).then_some(learning);
                 parameters.servo.law = law;
-                let adapts = matches!(law, LawParameters::Predictor(_)) && actuator != ActuatorParameters::Direct;
+                let adapts = matches!(law, LawParameters::Predictor(_))
+                    && actuator != ActuatorParameters::Direct;
                 parameters.servo.adaptation = adapts.then_some(ADAPTATION_EXAMPLE);
-                parameters.servo.learning = parameters.servo.learning.filter(|_| !matches!(actuator, ActuatorParameters::Linear { .. }));
+                parameters.servo.learning = parameters
+                    .servo
+                    .learning
+                    .filter(|_| !matches!(actuator, ActuatorParameters::Linear { .. }));
                 parameters.servo.actuator = actuator;
-                parameters.servo.sensor_lag = SensorLag { carried: 1_000_003 * nth as i32 - 5, before: -7 };
+                parameters.servo.sensor_lag = SensorLag {
+                    carried: 1_000_003 * nth as i32 - 5,
+                    before: -7,
+                };
                 let mut bytes = [0xff; BLOCK_BYTES];
                 let length = write(&parameters, &mut bytes).expect("fits");
                 assert_eq!(read(&bytes, 20_000), Ok(parameters));
@@ -920,11 +1247,18 @@ pub(crate) mod tests {
         let length = write(&example(), &mut bytes).expect("fits");
         assert_eq!(generation(&bytes), 0);
         set_generation(&mut bytes[..length], 65_535).expect("a block");
-        assert_eq!((generation(&bytes), read(&bytes, 20_000)), (65_535, Ok(example())));
+        assert_eq!(
+            (generation(&bytes), read(&bytes, 20_000)),
+            (65_535, Ok(example()))
+        );
         assert_eq!(set_generation(&mut [0; 3], 1), Err(BlockError::Length));
         let print = fingerprint(&bytes);
         set_generation(&mut bytes[..length], 3).expect("a block");
-        assert!(print.is_some() && fingerprint(&bytes) == print && fingerprint(&bytes[..length - 5]).is_none());
+        assert!(
+            print.is_some()
+                && fingerprint(&bytes) == print
+                && fingerprint(&bytes[..length - 5]).is_none()
+        );
     }
 
     #[test]
@@ -937,7 +1271,10 @@ pub(crate) mod tests {
         };
         assert_eq!(read(&[0xff; 100], 20_000), Err(BlockError::Absent));
         assert_eq!(read(&[], 20_000), Err(BlockError::Absent));
-        assert_eq!(read(&written(&good), 10_000), Err(BlockError::SampleRate(20_000)));
+        assert_eq!(
+            read(&written(&good), 10_000),
+            Err(BlockError::SampleRate(20_000))
+        );
         let mut bytes = written(&good);
         for bit in 0..bytes.len() * 8 {
             bytes[bit / 8] ^= 1 << (bit % 8);
@@ -949,12 +1286,20 @@ pub(crate) mod tests {
         assert_eq!(read(&written(&unstable), 20_000), Err(BlockError::Unstable));
         let mut late = good;
         late.servo.sensor_lag.carried = i32::MIN;
-        assert!(matches!(read(&written(&late), 20_000), Err(BlockError::Range(what)) if what.contains("lag of the sensor")));
+        assert!(
+            matches!(read(&written(&late), 20_000), Err(BlockError::Range(what)) if what.contains("lag of the sensor"))
+        );
         let mut mismatched = good;
         mismatched.servo.converters.dac_code_max = DriveCode::new(65_535);
-        assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));
+        assert_eq!(
+            read(&written(&mismatched), 20_000),
+            Err(BlockError::Mismatch)
+        );
         let mut mismatched = good;
         mismatched.physical.sensor_span_nm = 10_000;
-        assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));
+        assert_eq!(
+            read(&written(&mismatched), 20_000),
+            Err(BlockError::Mismatch)
+        );
     }
 }

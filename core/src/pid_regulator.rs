@@ -53,9 +53,21 @@ impl PidRegulator {
         saturated: &mut u32,
     ) -> Self {
         let last_error = reference.now().saturating_sub(reading);
-        let wanted = parameters.feedforward.apply(reference.positions(), saturated).saturating_sub(creep);
-        let without = parameters.proportional_derivative.apply(&[last_error, 0], saturated).saturating_add(wanted);
-        Self { integral: Integrating::at(output.saturating_sub(without)), last_error, last_change: 0, notch: [output; 4], creep }
+        let wanted = parameters
+            .feedforward
+            .apply(reference.positions(), saturated)
+            .saturating_sub(creep);
+        let without = parameters
+            .proportional_derivative
+            .apply(&[last_error, 0], saturated)
+            .saturating_add(wanted);
+        Self {
+            integral: Integrating::at(output.saturating_sub(without)),
+            last_error,
+            last_change: 0,
+            notch: [output; 4],
+            creep,
+        }
     }
 
     #[cfg(test)]
@@ -79,15 +91,27 @@ impl PidRegulator {
         let errors = [self.last_error, self.last_change];
         let [regulated, ..] = self.notch;
         // With the creep that the last output had where that is undone as before.
-        let creep = if before.creep == after.creep { self.creep } else { creep };
+        let creep = if before.creep == after.creep {
+            self.creep
+        } else {
+            creep
+        };
         self.creep = creep;
         let mut others = after.proportional_derivative.apply(&errors, saturated);
         if before.feedforward == after.feedforward && before.creep == after.creep {
             // What the feedforward gave.
-            let was = before.proportional_derivative.apply(&errors, saturated).saturating_add(self.integral.state);
+            let was = before
+                .proportional_derivative
+                .apply(&errors, saturated)
+                .saturating_add(self.integral.state);
             others = others.saturating_add(regulated.saturating_sub(was));
         } else {
-            others = others.saturating_add(after.feedforward.apply(reference.positions(), saturated).saturating_sub(creep));
+            others = others.saturating_add(
+                after
+                    .feedforward
+                    .apply(reference.positions(), saturated)
+                    .saturating_sub(creep),
+            );
         }
         self.notch = self.notch.map(moved);
         self.integral.state = moved(regulated).saturating_sub(others);
@@ -107,12 +131,16 @@ impl PidRegulator {
     ) -> i32 {
         let error = reference.now().saturating_sub(reading);
         if (hold > 0 && error < 0) || (hold < 0 && error > 0) || hold == 0 {
-            self.integral.add::<26>(parameters.integral, error, saturated);
+            self.integral
+                .add::<26>(parameters.integral, error, saturated);
         }
         let change = error.saturating_sub(self.last_error);
         self.last_error = error;
         self.last_change = change;
-        let feedforward = parameters.feedforward.apply(reference.positions(), saturated).saturating_sub(creep);
+        let feedforward = parameters
+            .feedforward
+            .apply(reference.positions(), saturated)
+            .saturating_sub(creep);
         self.creep = creep;
         let regulated = parameters
             .proportional_derivative
@@ -120,7 +148,9 @@ impl PidRegulator {
             .saturating_add(self.integral.state)
             .saturating_add(feedforward);
         let [x1, x2, y1, y2] = self.notch;
-        let output = parameters.notch.apply(&[regulated, x1, x2, y1, y2], saturated);
+        let output = parameters
+            .notch
+            .apply(&[regulated, x1, x2, y1, y2], saturated);
         self.notch = [regulated, x1, output, y1];
         output
     }

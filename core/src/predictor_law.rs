@@ -65,7 +65,12 @@ pub struct GainCoefficients {
 
 impl GainCoefficients {
     /// None.
-    pub const NONE: Self = Self { feedforward: [0; WINDOW], gain_row: [0; STATES], unknown: [0; 2], drive: [0; STATES] };
+    pub const NONE: Self = Self {
+        feedforward: [0; WINDOW],
+        gain_row: [0; STATES],
+        unknown: [0; 2],
+        drive: [0; STATES],
+    };
 }
 
 impl PredictorParameters {
@@ -76,7 +81,11 @@ impl PredictorParameters {
             feedforward: self.feedforward.coefficients,
             gain_row: self.gain_row.coefficients,
             unknown: [self.unknown_gain, self.slope_gain],
-            drive: core::array::from_fn(|nth| self.state_rows.get(nth).map_or(0, |row| row.coefficients[INPUTS - 1])),
+            drive: core::array::from_fn(|nth| {
+                self.state_rows
+                    .get(nth)
+                    .map_or(0, |row| row.coefficients[INPUTS - 1])
+            }),
         }
     }
 
@@ -138,8 +147,15 @@ fn replace_two(
 /// Whether the states of both mean the same: all but the gains of the observer, which stand behind the
 /// states.
 fn same_dynamics(a: &PredictorParameters, b: &PredictorParameters) -> bool {
-    let same = |(a, b): (&Row<INPUTS, STATE_ROW_FRACTION_BITS>, &Row<INPUTS, STATE_ROW_FRACTION_BITS>)| {
-        a.coefficients.iter().zip(&b.coefficients).enumerate().all(|(nth, (a, b))| nth == STATES || a == b)
+    let same = |(a, b): (
+        &Row<INPUTS, STATE_ROW_FRACTION_BITS>,
+        &Row<INPUTS, STATE_ROW_FRACTION_BITS>,
+    )| {
+        a.coefficients
+            .iter()
+            .zip(&b.coefficients)
+            .enumerate()
+            .all(|(nth, (a, b))| nth == STATES || a == b)
     };
     a.reading_row == b.reading_row && a.state_rows.iter().zip(&b.state_rows).all(same)
 }
@@ -195,14 +211,26 @@ impl PredictorLaw {
 
     #[inline(never)]
     fn last_output(&self, parameters: &PredictorParameters, saturated: &mut u32) -> i32 {
-        self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated)).saturating_sub(self.unknown.state)
+        self.feedforward
+            .saturating_sub(parameters.gain_row.apply(&self.states, saturated))
+            .saturating_sub(self.unknown.state)
     }
 
     /// Sets the unknown input such that the last output would have been this one.
     #[inline(never)]
-    fn begin_from(&mut self, output: i32, parameters: &PredictorParameters, reference: &ReferenceWindow, saturated: &mut u32) {
-        self.feedforward = parameters.feedforward.apply(reference.positions(), saturated);
-        let without = self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated));
+    fn begin_from(
+        &mut self,
+        output: i32,
+        parameters: &PredictorParameters,
+        reference: &ReferenceWindow,
+        saturated: &mut u32,
+    ) {
+        self.feedforward = parameters
+            .feedforward
+            .apply(reference.positions(), saturated);
+        let without = self
+            .feedforward
+            .saturating_sub(parameters.gain_row.apply(&self.states, saturated));
         self.unknown.state = without.saturating_sub(output);
     }
 
@@ -218,9 +246,12 @@ impl PredictorLaw {
         saturated: &mut u32,
     ) -> i32 {
         let error = reading.saturating_sub(reference.now());
-        let innovation = error.saturating_sub(parameters.reading_row.apply(&self.states, saturated));
+        let innovation =
+            error.saturating_sub(parameters.reading_row.apply(&self.states, saturated));
         self.innovation = innovation;
-        let input = applied.saturating_sub(self.feedforward).saturating_add(self.unknown.state);
+        let input = applied
+            .saturating_sub(self.feedforward)
+            .saturating_add(self.unknown.state);
         let [z0, z1, z2, z3, z4, z5] = self.states;
         let signals = [z0, z1, z2, z3, z4, z5, innovation, input];
         // Two rows at a time, so that each signal is loaded once for both.
@@ -231,10 +262,16 @@ impl PredictorLaw {
         replace_two([c, d], &signals, [(z2, r2), (z3, r3)], saturated);
         replace_two([e, f], &signals, [(z4, r4), (z5, r5)], saturated);
         self.unknown.state = self.unknown.state.saturating_add(self.slope.state);
-        self.unknown.add::<STATE_ROW_FRACTION_BITS>(parameters.unknown_gain, innovation, saturated);
-        self.slope.add::<STATE_ROW_FRACTION_BITS>(parameters.slope_gain, innovation, saturated);
-        self.feedforward = parameters.feedforward.apply(reference.positions(), saturated);
-        self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated)).saturating_sub(self.unknown.state)
+        self.unknown
+            .add::<STATE_ROW_FRACTION_BITS>(parameters.unknown_gain, innovation, saturated);
+        self.slope
+            .add::<STATE_ROW_FRACTION_BITS>(parameters.slope_gain, innovation, saturated);
+        self.feedforward = parameters
+            .feedforward
+            .apply(reference.positions(), saturated);
+        self.feedforward
+            .saturating_sub(parameters.gain_row.apply(&self.states, saturated))
+            .saturating_sub(self.unknown.state)
     }
 
     /// Difference between the last reading and its prediction, um.

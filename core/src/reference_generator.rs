@@ -22,11 +22,24 @@ pub fn sine(phase: u32) -> i32 {
         sum = scaled(sum, x2).wrapping_add(*c);
     }
     let value = scaled(sum, x);
-    if folded & 0x8000_0000 == 0 { value } else { value.wrapping_neg() }
+    if folded & 0x8000_0000 == 0 {
+        value
+    } else {
+        value.wrapping_neg()
+    }
 }
 
 /// `(-1)^k (pi/2)^(2k+1) / (2k+1)!` with 30 fraction bits.
-const SINE_SERIES: [i32; 8] = [1_686_629_713, -693_598_668, 85_569_306, -5_026_995, 172_272, -3_864, 61, -1];
+const SINE_SERIES: [i32; 8] = [
+    1_686_629_713,
+    -693_598_668,
+    85_569_306,
+    -5_026_995,
+    172_272,
+    -3_864,
+    61,
+    -1,
+];
 
 /// Samples of one sweep.
 pub const SWEEP_TICKS: u32 = 4096;
@@ -96,11 +109,20 @@ impl<Q: Quantity> Waveform<Q> {
     pub fn period_ticks(&self) -> Option<u32> {
         match self {
             Self::Multisine { tones } => {
-                let sounding = || tones.iter().filter(|(_, amplitude, _)| amplitude.bits() != 0).map(|(increment, ..)| *increment);
+                let sounding = || {
+                    tones
+                        .iter()
+                        .filter(|(_, amplitude, _)| amplitude.bits() != 0)
+                        .map(|(increment, ..)| *increment)
+                };
                 let period = whole_period(sounding().min()?)?;
-                sounding().all(|increment| returns_after(increment, period)).then_some(period)
+                sounding()
+                    .all(|increment| returns_after(increment, period))
+                    .then_some(period)
             }
-            Self::RoundedTriangle { increment, .. } => whole_period(*increment).filter(|period| returns_after(*increment, *period)),
+            Self::RoundedTriangle { increment, .. } => {
+                whole_period(*increment).filter(|period| returns_after(*increment, *period))
+            }
             Self::Table(table) => table.period_ticks(),
             Self::Constant | Self::Chirp { .. } | Self::QuasiStep { .. } => None,
         }
@@ -110,7 +132,8 @@ impl<Q: Quantity> Waveform<Q> {
 /// Samples in a turn, rounded.
 fn whole_period(increment: u32) -> Option<u32> {
     let turn = (1u64 << 32).checked_add(u64::from(increment / 2))?;
-    turn.checked_div(u64::from(increment)).and_then(|period| u32::try_from(period).ok())
+    turn.checked_div(u64::from(increment))
+        .and_then(|period| u32::try_from(period).ok())
 }
 
 /// Whether so many samples are whole turns but for a last place of the increment.
@@ -127,8 +150,12 @@ impl<Q: Quantity> Waveform<Q> {
     fn within_format(mut self) -> Self {
         match &mut self {
             Self::Constant | Self::Table(_) => {}
-            Self::Multisine { tones } => tones.iter_mut().for_each(|(_, amplitude, _)| limit(amplitude)),
-            Self::RoundedTriangle { amplitude, .. } | Self::Chirp { amplitude, .. } => limit(amplitude),
+            Self::Multisine { tones } => tones
+                .iter_mut()
+                .for_each(|(_, amplitude, _)| limit(amplitude)),
+            Self::RoundedTriangle { amplitude, .. } | Self::Chirp { amplitude, .. } => {
+                limit(amplitude)
+            }
             Self::QuasiStep { height, .. } => limit(height),
         }
         self
@@ -158,7 +185,14 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
             _ => 0,
         };
-        Self { waveform: waveform.within_format(), offset, tick: 0, phase: 0, chirp_increment, player: TablePlayer::default() }
+        Self {
+            waveform: waveform.within_format(),
+            offset,
+            tick: 0,
+            phase: 0,
+            chirp_increment,
+            player: TablePlayer::default(),
+        }
     }
 
     /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
@@ -182,12 +216,21 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             Waveform::Constant => 0,
             Waveform::Multisine { tones } => {
                 let mut sum = 0i32;
-                for (increment, amplitude, first) in tones.iter().filter(|(_, amplitude, _)| amplitude.bits() != 0) {
-                    sum = sum.saturating_add(scaled(amplitude.bits(), sine(increment.wrapping_mul(tick).wrapping_add(*first))));
+                for (increment, amplitude, first) in tones
+                    .iter()
+                    .filter(|(_, amplitude, _)| amplitude.bits() != 0)
+                {
+                    sum = sum.saturating_add(scaled(
+                        amplitude.bits(),
+                        sine(increment.wrapping_mul(tick).wrapping_add(*first)),
+                    ));
                 }
                 sum
             }
-            Waveform::RoundedTriangle { increment, amplitude } => {
+            Waveform::RoundedTriangle {
+                increment,
+                amplitude,
+            } => {
                 let phase = increment.wrapping_mul(tick);
                 // 1, -0.6/9, 0.25/25, divided by the sum's peak 1.076667.
                 let series = i64::from(sine(phase)) * 997_283_428
@@ -195,7 +238,12 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
                     + i64::from(sine(phase.wrapping_mul(5))) * 9_972_834;
                 narrow(((series >> 30) * i64::from(amplitude.bits())) >> 30)
             }
-            Waveform::Chirp { change, amplitude, duration_ticks, .. } => {
+            Waveform::Chirp {
+                change,
+                amplitude,
+                duration_ticks,
+                ..
+            } => {
                 let value = scaled(amplitude.bits(), sine(self.phase));
                 self.phase = self.phase.wrapping_add((self.chirp_increment >> 8) as u32);
                 if tick < *duration_ticks {
@@ -203,9 +251,15 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
                 }
                 value
             }
-            Waveform::QuasiStep { height, delay_ticks, duration_ticks } => {
+            Waveform::QuasiStep {
+                height,
+                delay_ticks,
+                duration_ticks,
+            } => {
                 let elapsed = tick.saturating_sub(*delay_ticks).min(*duration_ticks);
-                let share = (i64::from(elapsed) << 30).checked_div(i64::from(*duration_ticks)).unwrap_or(1 << 30);
+                let share = (i64::from(elapsed) << 30)
+                    .checked_div(i64::from(*duration_ticks))
+                    .unwrap_or(1 << 30);
                 // s^3 (10 - 15 s + 6 s^2)
                 let cube = (((share * share) >> 30) * share) >> 30;
                 let bracket = (10i64 << 30) - 15 * share + 6 * ((share * share) >> 30);
@@ -234,31 +288,55 @@ mod tests {
         for k in 0..4096u32 {
             let phase = k.wrapping_mul(1_048_583);
             let exact = (f64::from(phase) / 4_294_967_296.0 * core::f64::consts::TAU).sin();
-            assert!((f64::from(sine(phase)) / 1_073_741_824.0 - exact).abs() < 2e-8, "{phase}");
+            assert!(
+                (f64::from(sine(phase)) / 1_073_741_824.0 - exact).abs() < 2e-8,
+                "{phase}"
+            );
         }
     }
 
     #[test]
     fn a_sweep_begins_at_its_lowest_point_and_has_power_at_every_frequency_up_to_its_end() {
-        let samples: Vec<f64> = (0..SWEEP_TICKS).map(|tick| f64::from(sweep(1 << 24, tick)) / f64::from(1 << 24)).collect();
+        let samples: Vec<f64> = (0..SWEEP_TICKS)
+            .map(|tick| f64::from(sweep(1 << 24, tick)) / f64::from(1 << 24))
+            .collect();
         assert!((samples[0] + 1.0).abs() < 1e-6);
-        assert!((0..SWEEP_TICKS).step_by(97).all(|tick| sweep(77_777, tick) == sweep(77_777, tick + SWEEP_TICKS)));
+        assert!(
+            (0..SWEEP_TICKS)
+                .step_by(97)
+                .all(|tick| sweep(77_777, tick) == sweep(77_777, tick + SWEEP_TICKS))
+        );
         // By the definition of the transform, beside an even share of the power for each line.
         let line = |k: usize| {
-            let turn = |i: usize| core::f64::consts::TAU * ((i * k) % samples.len()) as f64 / samples.len() as f64;
-            let (re, im) = samples.iter().enumerate().fold((0.0, 0.0), |(re, im), (i, v)| (re + v * turn(i).cos(), im - v * turn(i).sin()));
+            let turn = |i: usize| {
+                core::f64::consts::TAU * ((i * k) % samples.len()) as f64 / samples.len() as f64
+            };
+            let (re, im) = samples
+                .iter()
+                .enumerate()
+                .fold((0.0, 0.0), |(re, im), (i, v)| {
+                    (re + v * turn(i).cos(), im - v * turn(i).sin())
+                });
             re.hypot(im) / samples.len() as f64
         };
         let even = (0.25 / (0.48 * f64::from(SWEEP_TICKS))).sqrt();
         for k in (8..1930).step_by(31) {
-            assert!((0.6..1.6).contains(&(line(k) / even)), "{k}: {}", line(k) / even);
+            assert!(
+                (0.6..1.6).contains(&(line(k) / even)),
+                "{k}: {}",
+                line(k) / even
+            );
         }
         assert!((2000..2048).step_by(7).all(|k| line(k) < 0.4 * even));
     }
 
     #[test]
     fn the_quasi_step_of_chapter_6() {
-        let waveform = Waveform::QuasiStep { height: Micrometres::from_num(5), delay_ticks: 2000, duration_ticks: 1000 };
+        let waveform = Waveform::QuasiStep {
+            height: Micrometres::from_num(5),
+            delay_ticks: 2000,
+            duration_ticks: 1000,
+        };
         let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
         let samples: Vec<f64> = (0..3200).map(|_| generator.next_value().to_num()).collect();
         // Ch. 6, Eq. (44): 0 at 0.1 s, 2.5 at 0.125 s, 5 at 0.15 s.
@@ -266,26 +344,62 @@ mod tests {
             assert!((samples[k] - expected).abs() < 1e-6, "{k} {}", samples[k]);
         }
         let t = 0.11f64;
-        let printed = 9.60e7 * t.powi(5) - 6.00e7 * t.powi(4) + 1.48e7 * t.powi(3) - 1.80e6 * t * t + 1.08e5 * t - 2.56e3;
-        assert!((samples[2200] - printed).abs() < 1e-4, "{} {printed}", samples[2200]);
+        let printed = 9.60e7 * t.powi(5) - 6.00e7 * t.powi(4) + 1.48e7 * t.powi(3) - 1.80e6 * t * t
+            + 1.08e5 * t
+            - 2.56e3;
+        assert!(
+            (samples[2200] - printed).abs() < 1e-4,
+            "{} {printed}",
+            samples[2200]
+        );
     }
 
     #[test]
     fn what_repeats_says_after_how_many_samples() {
-        let (um, increment) = (Micrometres::from_bits, |hz: f64| (hz / 20_000.0 * 4_294_967_296.0).round() as u32);
+        let (um, increment) = (Micrometres::from_bits, |hz: f64| {
+            (hz / 20_000.0 * 4_294_967_296.0).round() as u32
+        });
         let sines = |hz: [f64; 2]| Waveform::Multisine {
-            tones: [(increment(hz[0]), um(5), 0), (increment(hz[1]), um(5), 7), (77, um(0), 0), (0, um(0), 0)],
+            tones: [
+                (increment(hz[0]), um(5), 0),
+                (increment(hz[1]), um(5), 7),
+                (77, um(0), 0),
+                (0, um(0), 0),
+            ],
         };
         for (waveform, period) in [
             (sines([100.0, 300.0]), Some(200)),
             (sines([200.0, 100.0]), Some(200)),
             (sines([100.0, 150.0]), None),
             (sines([150.0, 150.0]), None),
-            (Waveform::RoundedTriangle { increment: increment(12.5), amplitude: um(1) }, Some(1600)),
-            (Waveform::RoundedTriangle { increment: 0, amplitude: um(1) }, None),
-            (Waveform::Multisine { tones: [(0, um(0), 0); 4] }, None),
+            (
+                Waveform::RoundedTriangle {
+                    increment: increment(12.5),
+                    amplitude: um(1),
+                },
+                Some(1600),
+            ),
+            (
+                Waveform::RoundedTriangle {
+                    increment: 0,
+                    amplitude: um(1),
+                },
+                None,
+            ),
+            (
+                Waveform::Multisine {
+                    tones: [(0, um(0), 0); 4],
+                },
+                None,
+            ),
             // Cut off, as commands make it.
-            (Waveform::RoundedTriangle { increment: 26_843_545, amplitude: um(1) }, Some(160)),
+            (
+                Waveform::RoundedTriangle {
+                    increment: 26_843_545,
+                    amplitude: um(1),
+                },
+                Some(160),
+            ),
             (Waveform::Constant, None),
         ] {
             assert_eq!(waveform.period_ticks(), period, "{waveform:?}");
@@ -294,9 +408,14 @@ mod tests {
 
     #[test]
     fn the_rounded_triangle_reaches_its_amplitude() {
-        let waveform = Waveform::RoundedTriangle { increment: 1 << 20, amplitude: Micrometres::from_num(3) };
+        let waveform = Waveform::RoundedTriangle {
+            increment: 1 << 20,
+            amplitude: Micrometres::from_num(3),
+        };
         let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
-        let highest = (0..4096).map(|_| generator.next_value().to_num::<f64>()).fold(0.0, f64::max);
+        let highest = (0..4096)
+            .map(|_| generator.next_value().to_num::<f64>())
+            .fold(0.0, f64::max);
         assert!((highest - 3.0).abs() < 1e-4, "{highest}");
     }
 }

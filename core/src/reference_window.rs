@@ -44,7 +44,12 @@ impl ReferenceWindow {
     /// A window at rest at `position`.
     #[must_use]
     pub fn at_rest(position: i32) -> Self {
-        Self { positions: [position; 2 * WINDOW], oldest: 0, newest: [position; 2], offset: 0 }
+        Self {
+            positions: [position; 2 * WINDOW],
+            oldest: 0,
+            newest: [position; 2],
+            offset: 0,
+        }
     }
 
     /// Begins again at rest at `position`, from where it goes to what is asked for as if that were constant
@@ -52,7 +57,11 @@ impl ReferenceWindow {
     #[cold]
     #[inline(never)]
     pub fn restart(&mut self, position: i32, asked: i32) {
-        *self = Self { newest: [asked; 2], offset: position.saturating_sub(asked), ..Self::at_rest(position) };
+        *self = Self {
+            newest: [asked; 2],
+            offset: position.saturating_sub(asked),
+            ..Self::at_rest(position)
+        };
     }
 
     /// Takes the reference that is asked for [`PREVIEW_TICKS`] samples from now, through the sensor's lag,
@@ -61,7 +70,9 @@ impl ReferenceWindow {
     pub fn push(&mut self, lag: &SensorLag, asked: i32, correction: i32) {
         let lagged = lag.apply(asked, self.newest);
         self.newest = [lagged, asked];
-        let sample = lagged.saturating_add(self.offset).saturating_add(correction);
+        let sample = lagged
+            .saturating_add(self.offset)
+            .saturating_add(correction);
         let oldest = self.oldest % WINDOW;
         self.positions[oldest] = sample;
         self.positions[oldest + WINDOW] = sample;
@@ -102,7 +113,10 @@ impl ReferenceWindow {
     pub fn positions(&self) -> &[i32; WINDOW] {
         const NONE: &[i32; WINDOW] = &[0; WINDOW];
         let oldest = self.oldest % WINDOW;
-        self.positions.get(oldest..oldest + WINDOW).and_then(|window| window.first_chunk()).unwrap_or(NONE)
+        self.positions
+            .get(oldest..oldest + WINDOW)
+            .and_then(|window| window.first_chunk())
+            .unwrap_or(NONE)
     }
 }
 
@@ -118,14 +132,25 @@ mod tests {
             window.push(&lag, k, 0);
             assert_eq!(window.positions()[WINDOW - 1], k);
             assert_eq!(window.now(), (k - PREVIEW_TICKS as i32).max(0));
-            assert!(window.positions().windows(2).all(|pair| pair[1] == pair[0] + 1 || pair == [0, 0]));
+            assert!(
+                window
+                    .positions()
+                    .windows(2)
+                    .all(|pair| pair[1] == pair[0] + 1 || pair == [0, 0])
+            );
         }
     }
 
     /// From one lag to another on a ramp: no sample jumps, and the end is as late as the other lag says.
     #[test]
     fn another_lag_takes_over_without_a_jump() {
-        let [none, late] = [SensorLag::NONE, SensorLag { carried: -(1 << 29), before: 5 << 28 }];
+        let [none, late] = [
+            SensorLag::NONE,
+            SensorLag {
+                carried: -(1 << 29),
+                before: 5 << 28,
+            },
+        ];
         for (from, to) in [(none, late), (late, none)] {
             let (mut window, speed) = (ReferenceWindow::at_rest(0), 100_000);
             for k in 0..10_000 {
@@ -136,9 +161,14 @@ mod tests {
                 window.push(if k < 5000 { &from } else { &to }, k * speed, 0);
                 let step = window.positions()[WINDOW - 1] - last;
                 // What decays in a tick of the difference of the two lags, half a tick of the ramp.
-                assert!(k < 100 || (step - speed).abs() <= ((speed / 2) >> OFFSET_DECAY_SHIFT) + 8, "{k}: {step}");
+                assert!(
+                    k < 100 || (step - speed).abs() <= ((speed / 2) >> OFFSET_DECAY_SHIFT) + 8,
+                    "{k}: {step}"
+                );
             }
-            assert!((window.positions()[WINDOW - 1] - (9_999 * speed - to.late_by(speed))).abs() < 8);
+            assert!(
+                (window.positions()[WINDOW - 1] - (9_999 * speed - to.late_by(speed))).abs() < 8
+            );
         }
     }
 
@@ -146,7 +176,10 @@ mod tests {
     /// window that has always been asked for it is.
     #[test]
     fn a_jump_decays_and_no_lag_is_seen_of_it() {
-        let lag = SensorLag { carried: -(1 << 29), before: 5 << 28 };
+        let lag = SensorLag {
+            carried: -(1 << 29),
+            before: 5 << 28,
+        };
         let asked = |k: i32| (3 << 24) + 1000 * k;
         let mut window = ReferenceWindow::at_rest(77);
         window.restart(1 << 24, asked(0));

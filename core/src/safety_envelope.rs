@@ -15,7 +15,9 @@
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::output_monitor::{MARGIN, MonitorParameters};
-use crate::parameter_block::{AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept};
+use crate::parameter_block::{
+    AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept,
+};
 use crate::self_test::STEP_MILLIVOLTS;
 use crate::servo_parameters::LawParameters;
 
@@ -127,7 +129,9 @@ pub fn read(bytes: &[u8]) -> Result<SafetyEnvelope, BlockError> {
 pub fn fingerprint(envelope: &SafetyEnvelope) -> u32 {
     let mut bytes = [0; ENVELOPE_BYTES];
     let length = write(envelope, &mut bytes).unwrap_or(0);
-    bytes.get(KEPT_HEADER_BYTES..length.saturating_sub(4)).map_or(0, crc32)
+    bytes
+        .get(KEPT_HEADER_BYTES..length.saturating_sub(4))
+        .map_or(0, crc32)
 }
 
 /// Ticks of a time, rounded up.
@@ -143,7 +147,9 @@ impl SafetyEnvelope {
             && self.drive_max <= highest
             && (self.drive_min..=self.drive_max).contains(&self.safe_code);
         if !codes {
-            return Err(BlockError::Range("the envelope's codes must be in order and within the converter"));
+            return Err(BlockError::Range(
+                "the envelope's codes must be in order and within the converter",
+            ));
         }
         let limits = self.drive_span_uv > 0
             && self.slew_limit_v_s > 0
@@ -155,7 +161,9 @@ impl SafetyEnvelope {
             && self.capacitance_nf > 0
             && self.current_ua > 0;
         if !limits {
-            return Err(BlockError::Range("every limit of the envelope must be more than none"));
+            return Err(BlockError::Range(
+                "every limit of the envelope must be more than none",
+            ));
         }
         if self.monitor_span_uv == 0 {
             return Ok(());
@@ -163,13 +171,21 @@ impl SafetyEnvelope {
         // The whole range must lie inside the monitor's honest codes, or the ends of it would be faults;
         // and the step of the self-test must be more than the tolerance, or a dead amplifier would pass it.
         let margin = (i64::from(self.monitor_span_uv) * i64::from(MARGIN)) >> 16;
-        let (low, high) = (i64::from(self.monitor_at_code_0_uv), i64::from(self.monitor_at_code_0_uv) + i64::from(self.monitor_span_uv));
-        let covers = self.drive_uv(self.drive_min) >= low + margin && self.drive_uv(self.drive_max) <= high - margin;
+        let (low, high) = (
+            i64::from(self.monitor_at_code_0_uv),
+            i64::from(self.monitor_at_code_0_uv) + i64::from(self.monitor_span_uv),
+        );
+        let covers = self.drive_uv(self.drive_min) >= low + margin
+            && self.drive_uv(self.drive_max) <= high - margin;
         if !covers {
-            return Err(BlockError::Range("the voltage monitor must read beyond both ends of the drive"));
+            return Err(BlockError::Range(
+                "the voltage monitor must read beyond both ends of the drive",
+            ));
         }
         if !(1..STEP_MILLIVOLTS).contains(&i64::from(self.monitor_tolerance_mv)) {
-            return Err(BlockError::Range("the tolerance of the voltage monitor must be below the step of the self-test, 1.5 V"));
+            return Err(BlockError::Range(
+                "the tolerance of the voltage monitor must be below the step of the self-test, 1.5 V",
+            ));
         }
         Ok(())
     }
@@ -191,7 +207,8 @@ impl SafetyEnvelope {
     /// Drive of a code of the converter, uV.
     #[must_use]
     pub fn drive_uv(&self, code: DriveCode) -> i64 {
-        i64::from(self.drive_at_code_0_uv) + ((i64::from(code) * i64::from(self.drive_span_uv)) >> self.dac_bits)
+        i64::from(self.drive_at_code_0_uv)
+            + ((i64::from(code) * i64::from(self.drive_span_uv)) >> self.dac_bits)
     }
 
     /// A code of a block of so many bits as the converter has it.
@@ -204,7 +221,10 @@ impl SafetyEnvelope {
     #[must_use]
     pub fn limits_of(&self, block_bits: u8) -> (DriveCode, DriveCode) {
         let shift = self.dac_bits.saturating_sub(block_bits);
-        (DriveCode::new(self.drive_min.steps().div_ceil(1 << shift)), DriveCode::new(self.drive_max.steps() >> shift))
+        (
+            DriveCode::new(self.drive_min.steps().div_ceil(1 << shift)),
+            DriveCode::new(self.drive_max.steps() >> shift),
+        )
     }
 
     /// Mean square of the drive's change from tick to tick at which the current is at its limit, square codes
@@ -213,11 +233,17 @@ impl SafetyEnvelope {
     pub fn mean_square_codes(&self, parameters: &AmplifierParameters) -> u64 {
         // i = C dV/dt: uA over nF is V/ms, here uV a tick.
         let rate = u64::from(parameters.physical.sample_rate_hz.max(1));
-        let microvolts_a_tick = u64::from(self.current_ua) * 1_000_000_000 / (u64::from(self.capacitance_nf.max(1)) * rate);
-        let step_pv = ((parameters.servo.converters.dac_step.unsigned_abs() as u128 * 1_000_000_000_000) >> 38).max(1);
+        let microvolts_a_tick = u64::from(self.current_ua) * 1_000_000_000
+            / (u64::from(self.capacitance_nf.max(1)) * rate);
+        let step_pv = ((parameters.servo.converters.dac_step.unsigned_abs() as u128
+            * 1_000_000_000_000)
+            >> 38)
+            .max(1);
         let codes = (u128::from(microvolts_a_tick) * 1_000_000) << 8;
         let codes = codes / step_pv;
-        u64::try_from((codes * codes) >> 16).unwrap_or(u64::MAX).max(1)
+        u64::try_from((codes * codes) >> 16)
+            .unwrap_or(u64::MAX)
+            .max(1)
     }
 
     /// Whether a block stays within it.
@@ -225,15 +251,23 @@ impl SafetyEnvelope {
     /// # Errors
     /// What does not.
     pub fn admits(&self, parameters: &AmplifierParameters) -> Result<(), &'static str> {
-        let (c, guard, rate) = (&parameters.servo.converters, &parameters.guard, parameters.physical.sample_rate_hz);
+        let (c, guard, rate) = (
+            &parameters.servo.converters,
+            &parameters.guard,
+            parameters.physical.sample_rate_hz,
+        );
         if c.dac_bits > self.dac_bits {
-            return Err("beyond the safety envelope: codes of more bits than the drive's converter has");
+            return Err(
+                "beyond the safety envelope: codes of more bits than the drive's converter has",
+            );
         }
         // uV of a code by the block: V with 22 fraction bits.
         let by_block = |code: DriveCode| (i64::from(c.drive(code)) * 1_000_000) >> 22;
         // Two steps of the block's, and what rounding to microvolts makes.
         let step_uv = ((c.dac_step * 1_000_000) >> 38) + 2;
-        let agrees = |code: DriveCode| (by_block(code) - self.drive_uv(self.of_block(code, c.dac_bits))).abs() <= 2 * step_uv;
+        let agrees = |code: DriveCode| {
+            (by_block(code) - self.drive_uv(self.of_block(code, c.dac_bits))).abs() <= 2 * step_uv
+        };
         if !agrees(c.dac_code_min) || !agrees(c.dac_code_max) {
             return Err("beyond the safety envelope: made for another scale of the drive");
         }
@@ -247,23 +281,34 @@ impl SafetyEnvelope {
         if parameters.physical.slew_limit_v_s > self.slew_limit_v_s {
             return Err("beyond the safety envelope: the slew limit");
         }
-        let furthest = c.dac_code_max.abs_diff(guard.rest_code).max(c.dac_code_min.abs_diff(guard.rest_code));
+        let furthest = c
+            .dac_code_max
+            .abs_diff(guard.rest_code)
+            .max(c.dac_code_min.abs_diff(guard.rest_code));
         if furthest.div_ceil(guard.ramp_codes.max(1)) > ticks(self.rest_within_ms, rate) {
             return Err("beyond the safety envelope: too long a way to rest");
         }
-        if guard.stuck_ticks == 0 || u32::from(guard.stuck_ticks) > ticks(self.stuck_within_ms, rate) {
-            return Err("beyond the safety envelope: the guard of a stuck sensor is off or too slow");
+        if guard.stuck_ticks == 0
+            || u32::from(guard.stuck_ticks) > ticks(self.stuck_within_ms, rate)
+        {
+            return Err(
+                "beyond the safety envelope: the guard of a stuck sensor is off or too slow",
+            );
         }
         // A block without a law follows nothing.
         let follows = !matches!(parameters.servo.law, LawParameters::Hold);
         if follows && u32::from(guard.tracking_ticks) > ticks(self.tracking_within_ms, rate) {
             return Err("beyond the safety envelope: the guard of the tracking error is too slow");
         }
-        if follows && (i64::from(guard.tracking_error) * 1000) >> 24 > i64::from(self.tracking_error_nm) {
+        if follows
+            && (i64::from(guard.tracking_error) * 1000) >> 24 > i64::from(self.tracking_error_nm)
+        {
             return Err("beyond the safety envelope: the guard of the tracking error is too wide");
         }
         let margin = (u32::from(self.sensor_margin) << c.adc_bits) >> 16;
-        if guard.adc_code_min.steps() < margin || guard.adc_code_max + margin > SensorCode::highest(c.adc_bits) {
+        if guard.adc_code_min.steps() < margin
+            || guard.adc_code_max + margin > SensorCode::highest(c.adc_bits)
+        {
             return Err("beyond the safety envelope: the guard of the sensor's range is off");
         }
         if u32::from(guard.healthy_ticks) < ticks(self.healthy_ms, rate) {
@@ -344,22 +389,49 @@ pub(crate) mod tests {
         let refuses = |change: fn(&mut AmplifierParameters), words: &str| {
             let mut block = example();
             change(&mut block);
-            assert!(envelope().admits(&block).is_err_and(|reason| reason.contains(words)), "{words}: {:?}", envelope().admits(&block));
+            assert!(
+                envelope()
+                    .admits(&block)
+                    .is_err_and(|reason| reason.contains(words)),
+                "{words}: {:?}",
+                envelope().admits(&block)
+            );
         };
         refuses(|p| p.guard.stuck_ticks = 0, "stuck");
         refuses(|p| p.guard.stuck_ticks = 401, "stuck");
-        refuses(|p| p.guard.tracking_error = i32::MAX, "tracking error is too wide");
-        refuses(|p| p.guard.tracking_ticks = 401, "tracking error is too slow");
+        refuses(
+            |p| p.guard.tracking_error = i32::MAX,
+            "tracking error is too wide",
+        );
+        refuses(
+            |p| p.guard.tracking_ticks = 401,
+            "tracking error is too slow",
+        );
         refuses(|p| p.guard.ramp_codes = 18, "way to rest");
-        refuses(|p| p.guard.adc_code_min = SensorCode::new(15), "range is off");
-        refuses(|p| p.guard.adc_code_max = SensorCode::new(65_520), "range is off");
+        refuses(
+            |p| p.guard.adc_code_min = SensorCode::new(15),
+            "range is off",
+        );
+        refuses(
+            |p| p.guard.adc_code_max = SensorCode::new(65_520),
+            "range is off",
+        );
         refuses(|p| p.guard.healthy_ticks = 99, "too soon");
         refuses(|p| p.guard.rest_code = DriveCode::new(9_400), "rest");
         refuses(|p| p.physical.slew_limit_v_s = 100_001, "slew");
-        refuses(|p| p.servo.converters.dac_code_max = DriveCode::new(56_174), "range of the drive");
-        refuses(|p| p.servo.converters.dac_code_min = DriveCode::new(9_300), "range of the drive");
+        refuses(
+            |p| p.servo.converters.dac_code_max = DriveCode::new(56_174),
+            "range of the drive",
+        );
+        refuses(
+            |p| p.servo.converters.dac_code_min = DriveCode::new(9_300),
+            "range of the drive",
+        );
         // References of another size, a converter of other bits.
-        refuses(|p| p.servo.converters.dac_step = (150i64 << 38) >> 16, "scale");
+        refuses(
+            |p| p.servo.converters.dac_step = (150i64 << 38) >> 16,
+            "scale",
+        );
         refuses(|p| p.servo.converters.dac_bits = 21, "bits");
     }
 

@@ -65,7 +65,9 @@ impl Motion {
         let motion = micrometres(self.measured);
         let (least, most) = GAIN_BAND;
         match expected {
-            Some(expected) if 16 * motion < least * expected || 16 * motion > most * expected => Err(Fault::GainDiffers),
+            Some(expected) if 16 * motion < least * expected || 16 * motion > most * expected => {
+                Err(Fault::GainDiffers)
+            }
             _ => Ok(()),
         }
     }
@@ -80,7 +82,10 @@ pub struct Extremes {
 
 impl Extremes {
     /// Of none.
-    pub const NONE: Self = Self { lowest: SensorCode::MOST, highest: SensorCode::new(0) };
+    pub const NONE: Self = Self {
+        lowest: SensorCode::MOST,
+        highest: SensorCode::new(0),
+    };
 
     /// Takes another one.
     #[inline]
@@ -126,7 +131,11 @@ impl SelfTest {
         // codes per V (16) times mV
         let step = ((i64::from(c.dac_codes_per_volt) * STEP_MILLIVOLTS / 1000) >> 16).max(1) as u32;
         let upwards = c.dac_code_max.abs_diff(rest) >= c.dac_code_min.abs_diff(rest);
-        let stepped = if upwards { (rest + step).min(c.dac_code_max) } else { (rest - step).max(c.dac_code_min) };
+        let stepped = if upwards {
+            (rest + step).min(c.dac_code_max)
+        } else {
+            (rest - step).max(c.dac_code_min)
+        };
         Self {
             places: [rest, stepped],
             upwards,
@@ -151,7 +160,12 @@ impl SelfTest {
     /// Takes a reading; `arrived`: the drive is where it was sent, which the model takes for the displacement
     /// `applied`. What comes out of it, at the end.
     #[inline]
-    pub fn take(&mut self, reading: SensorCode, arrived: bool, applied: i32) -> Option<Result<(), Fault>> {
+    pub fn take(
+        &mut self,
+        reading: SensorCode,
+        arrived: bool,
+        applied: i32,
+    ) -> Option<Result<(), Fault>> {
         if !arrived {
             return None;
         }
@@ -181,7 +195,11 @@ impl SelfTest {
         let expected = stepped.saturating_sub(rest);
         Motion {
             measured: sign * (self.sums[1] - self.sums[0]),
-            expected: self.has_model.then_some(if self.upwards { expected } else { expected.saturating_neg() }),
+            expected: self.has_model.then_some(if self.upwards {
+                expected
+            } else {
+                expected.saturating_neg()
+            }),
             noise_codes: self.noise.peak_to_peak(),
             adc_step: self.adc_step,
         }
@@ -191,7 +209,11 @@ impl SelfTest {
         let motion = self.motion();
         motion.judge()?;
         let stays = self.sums[2] - self.sums[0];
-        if 4 * stays.abs() > motion.measured { Err(Fault::SensorDrifts) } else { Ok(()) }
+        if 4 * stays.abs() > motion.measured {
+            Err(Fault::SensorDrifts)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -209,10 +231,19 @@ mod tests {
         for tick in 0.. {
             assert!(tick < 20_000, "it ends");
             let aim = test.aim();
-            code = if code < aim { (code + 40).min(aim) } else { (code - 40).max(aim) };
+            code = if code < aim {
+                (code + 40).min(aim)
+            } else {
+                (code - 40).max(aim)
+            };
             let applied = ((i64::from(c.drive(code)) * i64::from((1 << 28) / 7)) >> 26) as i32;
-            let reading = sensor(i64::from(code) - i64::from(parameters.guard.rest_code), tick).clamp(0, 65_535);
-            if let Some(verdict) = test.take(SensorCode::new(reading as u32), code == aim, applied) {
+            let reading = sensor(
+                i64::from(code) - i64::from(parameters.guard.rest_code),
+                tick,
+            )
+            .clamp(0, 65_535);
+            if let Some(verdict) = test.take(SensorCode::new(reading as u32), code == aim, applied)
+            {
                 return (verdict, test.motion());
             }
         }
@@ -234,7 +265,10 @@ mod tests {
         assert_eq!(verdict, Ok(()));
         let micrometres = motion.measured as f64 / 1024.0 * 15.0 / 65_536.0;
         assert!((micrometres - 1.5 / 7.0).abs() < 2e-3, "{micrometres}");
-        assert!((f64::from(motion.expected.expect("a model")) / 2f64.powi(24) - micrometres).abs() < 2e-3);
+        assert!(
+            (f64::from(motion.expected.expect("a model")) / 2f64.powi(24) - micrometres).abs()
+                < 2e-3
+        );
     }
 
     #[test]
@@ -242,11 +276,26 @@ mod tests {
         type Reads<'a> = &'a dyn Fn(i64, u32) -> i64;
         let cases: [(Reads, Fault); 6] = [
             (&|_, tick| 5000 + noise(tick, 40), Fault::SensorDoesNotMove),
-            (&|code, tick| honest(-code) + noise(tick, 40), Fault::SensorReversed),
-            (&|code, tick| honest(code / 2) + noise(tick, 40), Fault::GainDiffers),
-            (&|code, tick| honest(code * 2) + noise(tick, 40), Fault::GainDiffers),
-            (&|code, tick| honest(code) + noise(tick, 1_200), Fault::SensorNoisy),
-            (&|code, tick| honest(code) + i64::from(tick) / 12 + noise(tick, 40), Fault::SensorDrifts),
+            (
+                &|code, tick| honest(-code) + noise(tick, 40),
+                Fault::SensorReversed,
+            ),
+            (
+                &|code, tick| honest(code / 2) + noise(tick, 40),
+                Fault::GainDiffers,
+            ),
+            (
+                &|code, tick| honest(code * 2) + noise(tick, 40),
+                Fault::GainDiffers,
+            ),
+            (
+                &|code, tick| honest(code) + noise(tick, 1_200),
+                Fault::SensorNoisy,
+            ),
+            (
+                &|code, tick| honest(code) + i64::from(tick) / 12 + noise(tick, 40),
+                Fault::SensorDrifts,
+            ),
         ];
         for (sensor, fault) in cases {
             assert_eq!(run(sensor).0, Err(fault), "{}", fault.name());

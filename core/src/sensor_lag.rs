@@ -38,13 +38,19 @@ fn upper(a: i32, b: i32) -> i32 {
 
 impl SensorLag {
     /// The sensor reads what is there.
-    pub const NONE: Self = Self { carried: 0, before: 0 };
+    pub const NONE: Self = Self {
+        carried: 0,
+        before: 0,
+    };
 
     /// Whether it forgets, and no sum can wrap.
     #[must_use]
     pub fn accepted(&self) -> bool {
         let one = 1u64 << LAG_FRACTION_BITS;
-        let (carried, before) = (u64::from(self.carried.unsigned_abs()), u64::from(self.before.unsigned_abs()));
+        let (carried, before) = (
+            u64::from(self.carried.unsigned_abs()),
+            u64::from(self.before.unsigned_abs()),
+        );
         carried < one && carried + before <= one
     }
 
@@ -53,7 +59,10 @@ impl SensorLag {
     #[must_use]
     pub fn late_by(&self, speed: i32) -> i32 {
         // (a + b) / (1 - a) ticks: below 2^62, and the divisor is not zero for what is accepted.
-        let (ticks, of) = (i64::from(self.carried) + i64::from(self.before), (1i64 << LAG_FRACTION_BITS) - i64::from(self.carried));
+        let (ticks, of) = (
+            i64::from(self.carried) + i64::from(self.before),
+            (1i64 << LAG_FRACTION_BITS) - i64::from(self.carried),
+        );
         let late = (i64::from(speed) * ticks).checked_div(of).unwrap_or(0);
         late.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
     }
@@ -64,7 +73,8 @@ impl SensorLag {
     #[must_use]
     pub fn apply(&self, asked: i32, [lagged, before]: [i32; 2]) -> i32 {
         // Half of what it is later by: with magnitudes of at most one together it fits.
-        let half = upper(self.carried, lagged.saturating_sub(asked)) + upper(self.before, before.saturating_sub(asked));
+        let half = upper(self.carried, lagged.saturating_sub(asked))
+            + upper(self.before, before.saturating_sub(asked));
         asked.saturating_add(half.saturating_add(half))
     }
 }
@@ -82,7 +92,10 @@ mod tests {
 
     /// As late as `ticks` by Tustin's rule.
     fn late(ticks: f64) -> SensorLag {
-        SensorLag { carried: fraction((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0)), before: fraction(1.0 / (2.0 * ticks + 1.0)) }
+        SensorLag {
+            carried: fraction((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0)),
+            before: fraction(1.0 / (2.0 * ticks + 1.0)),
+        }
     }
 
     fn run(lag: &SensorLag, asked: impl Iterator<Item = i32>) -> Vec<i32> {
@@ -102,15 +115,27 @@ mod tests {
             assert!(lag.accepted());
             let out = run(&lag, (0..2000).map(|k| (k * slope).min(1000 * slope)));
             let late_by = f64::from(700 * slope - out[700]) / f64::from(slope);
-            assert!((f64::from(lag.late_by(slope)) / f64::from(slope) - ticks).abs() < 1e-4, "{ticks}: {}", lag.late_by(slope));
+            assert!(
+                (f64::from(lag.late_by(slope)) / f64::from(slope) - ticks).abs() < 1e-4,
+                "{ticks}: {}",
+                lag.late_by(slope)
+            );
             // Each of two products loses up to two units of 0.06 pm, and the lag remembers them for some of
             // its length.
             let rounding = 4.0 * (1.0 + ticks) / f64::from(slope);
             assert!((late_by - ticks).abs() < rounding, "{ticks}: {late_by}");
             let rest = 2 + 2 * ticks as i32;
-            assert!((out[1999] - 1000 * slope).abs() <= rest, "{ticks}: {}", out[1999] - 1000 * slope);
+            assert!(
+                (out[1999] - 1000 * slope).abs() <= rest,
+                "{ticks}: {}",
+                out[1999] - 1000 * slope
+            );
             let falling = run(&lag, (0..2000).map(|k| (-k * slope).max(-1000 * slope)));
-            assert!((falling[1999] + 1000 * slope).abs() <= rest, "{ticks}: {}", falling[1999] + 1000 * slope);
+            assert!(
+                (falling[1999] + 1000 * slope).abs() <= rest,
+                "{ticks}: {}",
+                falling[1999] + 1000 * slope
+            );
             let still = run(&lag, std::iter::repeat_n(123_456_789, 50));
             assert!(still.iter().all(|v| *v == 123_456_789));
         }
@@ -120,10 +145,29 @@ mod tests {
 
     #[test]
     fn a_lag_that_does_not_forget_or_wraps_is_not_accepted() {
-        for (carried, before) in [(i32::MIN, 0), (i32::MIN, i32::MIN), (1 << 30, (1 << 30) + 1), (-(1 << 30), i32::MAX)] {
-            assert!(!SensorLag { carried, before }.accepted(), "{carried} {before}");
+        for (carried, before) in [
+            (i32::MIN, 0),
+            (i32::MIN, i32::MIN),
+            (1 << 30, (1 << 30) + 1),
+            (-(1 << 30), i32::MAX),
+        ] {
+            assert!(
+                !SensorLag { carried, before }.accepted(),
+                "{carried} {before}"
+            );
         }
-        assert!(SensorLag { carried: i32::MAX, before: -1 }.accepted() && SensorLag { carried: 0, before: i32::MIN }.accepted());
+        assert!(
+            SensorLag {
+                carried: i32::MAX,
+                before: -1
+            }
+            .accepted()
+                && SensorLag {
+                    carried: 0,
+                    before: i32::MIN
+                }
+                .accepted()
+        );
     }
 
     proptest! {

@@ -52,7 +52,8 @@ impl ConverterParameters {
     #[inline]
     #[must_use]
     pub fn position(&self, adc_code: SensorCode) -> i32 {
-        self.adc_zero.saturating_add(narrow((i64::from(adc_code) * self.adc_step) >> 16))
+        self.adc_zero
+            .saturating_add(narrow((i64::from(adc_code) * self.adc_step) >> 16))
     }
 
     /// The nearest DAC code to a drive (V with 22 fraction bits), in steps; below 0 and beyond the last one
@@ -61,14 +62,19 @@ impl ConverterParameters {
     #[must_use]
     pub fn steps(&self, drive: i32) -> i32 {
         // V (22) * codes/V (16) -> codes; 63 bits less 38 always fit.
-        narrow((i64::from(drive.saturating_sub(self.dac_zero)) * i64::from(self.dac_codes_per_volt) + (1i64 << 37)) >> 38)
+        narrow(
+            (i64::from(drive.saturating_sub(self.dac_zero)) * i64::from(self.dac_codes_per_volt)
+                + (1i64 << 37))
+                >> 38,
+        )
     }
 
     /// Drive for a DAC code, V with 22 fraction bits.
     #[inline]
     #[must_use]
     pub fn drive(&self, dac_code: DriveCode) -> i32 {
-        self.dac_zero.saturating_add(narrow((i64::from(dac_code) * self.dac_step) >> 16))
+        self.dac_zero
+            .saturating_add(narrow((i64::from(dac_code) * self.dac_step) >> 16))
     }
 }
 

@@ -112,7 +112,9 @@ impl ServoTick {
     #[must_use]
     pub fn new(parameters: ServoParameters) -> Self {
         let hysteresis = match &parameters.actuator {
-            ActuatorParameters::OneSidedHysteresis { surfaces, .. } => Some(OneSidedHysteresis::virgin(*surfaces)),
+            ActuatorParameters::OneSidedHysteresis { surfaces, .. } => {
+                Some(OneSidedHysteresis::virgin(*surfaces))
+            }
             _ => None,
         };
         let mut this = Self {
@@ -147,7 +149,10 @@ impl ServoTick {
     /// limits.
     pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
-        self.note(code.max(self.parameters.converters.dac_code_min).min(self.parameters.converters.dac_code_max));
+        self.note(
+            code.max(self.parameters.converters.dac_code_min)
+                .min(self.parameters.converters.dac_code_max),
+        );
         self.creep_on();
         self.code
     }
@@ -163,14 +168,20 @@ impl ServoTick {
     #[inline]
     fn creep_on(&mut self) {
         if let LawParameters::Regulator(law) = &self.parameters.law {
-            self.creep.follow(&law.creep, self.applied, &mut self.counters.saturated_values);
+            self.creep.follow(
+                &law.creep,
+                self.applied,
+                &mut self.counters.saturated_values,
+            );
         }
     }
 
     /// Whether a law undoes the creep that the present one follows.
     fn follows_creep_of(&self, law: &LawParameters) -> bool {
         match (&self.parameters.law, law) {
-            (LawParameters::Regulator(before), LawParameters::Regulator(after)) => before.creep == after.creep,
+            (LawParameters::Regulator(before), LawParameters::Regulator(after)) => {
+                before.creep == after.creep
+            }
             (_, LawParameters::Regulator(after)) => after.creep.is_off(),
             _ => true,
         }
@@ -199,7 +210,13 @@ impl ServoTick {
     /// The reading and the reference ahead, filtered.
     #[inline(always)]
     fn filter(&mut self, reading: i32, ahead: i32) -> (i32, i32) {
-        let filtered = step_both(&mut self.sensor, &mut self.set_point, reading, ahead, &mut self.counters.saturated_values);
+        let filtered = step_both(
+            &mut self.sensor,
+            &mut self.set_point,
+            reading,
+            ahead,
+            &mut self.counters.saturated_values,
+        );
         self.filters = !self.set_point.is_off() || !self.sensor.is_off();
         filtered
     }
@@ -207,7 +224,8 @@ impl ServoTick {
     /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not
     /// repeat. Without parameters for it nothing is learned.
     pub fn repeat(&mut self, period_ticks: Option<u32>) {
-        self.learner.begin(period_ticks.filter(|_| self.parameters.learning.is_some()));
+        self.learner
+            .begin(period_ticks.filter(|_| self.parameters.learning.is_some()));
         self.note_learning();
     }
 
@@ -236,8 +254,12 @@ impl ServoTick {
     pub fn swap(&mut self, parameters: ServoParameters) {
         if parameters.actuator != self.parameters.actuator {
             self.hysteresis = match (&parameters.actuator, &self.hysteresis) {
-                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) => Some(memory.with_surfaces(*surfaces)),
-                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, None) => Some(OneSidedHysteresis::virgin(*surfaces)),
+                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) => {
+                    Some(memory.with_surfaces(*surfaces))
+                }
+                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, None) => {
+                    Some(OneSidedHysteresis::virgin(*surfaces))
+                }
                 _ => None,
             };
         }
@@ -268,7 +290,9 @@ impl ServoTick {
     // In place: the interrupt's stack has no room for a second set of parameters.
     pub fn exchange(&mut self, parameters: &ServoParameters) {
         if parameters.actuator != self.parameters.actuator {
-            if let (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) = (&parameters.actuator, &self.hysteresis) {
+            if let (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) =
+                (&parameters.actuator, &self.hysteresis)
+            {
                 self.hysteresis = Some(memory.with_surfaces(*surfaces));
             }
             self.parameters.actuator = parameters.actuator;
@@ -286,11 +310,19 @@ impl ServoTick {
         let (saturated, window) = (&mut self.counters.saturated_values, &self.window);
         match (&mut self.law, &mut self.parameters.law, &parameters.law) {
             (LawState::Off, ..) => {}
-            (LawState::Regulator(law), LawParameters::Regulator(before), LawParameters::Regulator(after)) => {
+            (
+                LawState::Regulator(law),
+                LawParameters::Regulator(before),
+                LawParameters::Regulator(after),
+            ) => {
                 let creep = self.creep.creep(&after.creep, saturated);
                 law.go_on(before, after, window, shift, creep, saturated);
             }
-            (LawState::Predictor(law), LawParameters::Predictor(before), LawParameters::Predictor(after)) => {
+            (
+                LawState::Predictor(law),
+                LawParameters::Predictor(before),
+                LawParameters::Predictor(after),
+            ) => {
                 // Dynamics are compared as the blocks have them.
                 if self.adaptation.is_on() {
                     before.set_drive_column(&self.adaptation.base().drive);
@@ -315,7 +347,11 @@ impl ServoTick {
     #[inline]
     pub fn tick(&mut self, adc_code: SensorCode, reference_ahead: Micrometres) -> DriveCode {
         let ahead = reference_ahead.to_bits();
-        if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead, 0) }
+        if self.learns {
+            self.tick_and_learn(adc_code, ahead)
+        } else {
+            self.follow(adc_code, ahead, 0)
+        }
     }
 
     /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question
@@ -327,7 +363,12 @@ impl ServoTick {
         if let Some(learning) = &self.parameters.learning {
             let asked = self.window.now().saturating_sub(self.learner.present());
             let trusted = self.limited == 0 && !self.slewing;
-            self.learner.learn(learning, asked.saturating_sub(self.reading), trusted, &mut self.counters.saturated_values);
+            self.learner.learn(
+                learning,
+                asked.saturating_sub(self.reading),
+                trusted,
+                &mut self.counters.saturated_values,
+            );
         }
         if self.adaptation.is_on() {
             self.adapt();
@@ -339,12 +380,22 @@ impl ServoTick {
     #[inline(never)]
     fn adapt(&mut self) {
         if let Some(bounds) = &self.parameters.adaptation
-            && let (LawState::Predictor(law), LawParameters::Predictor(parameters)) = (&mut self.law, &mut self.parameters.law)
+            && let (LawState::Predictor(law), LawParameters::Predictor(parameters)) =
+                (&mut self.law, &mut self.parameters.law)
         {
             let error = self.window.now().saturating_sub(self.reading);
-            let trusted = self.limited == 0 && !self.slewing && error.saturating_abs() <= bounds.error_limit;
-            if let Some(coefficients) = self.adaptation.observe(bounds, law.unknown_input(), law.feedforward(), trusted) {
-                law.rescale(parameters, coefficients, &self.window, &mut self.counters.saturated_values);
+            let trusted =
+                self.limited == 0 && !self.slewing && error.saturating_abs() <= bounds.error_limit;
+            if let Some(coefficients) =
+                self.adaptation
+                    .observe(bounds, law.unknown_input(), law.feedforward(), trusted)
+            {
+                law.rescale(
+                    parameters,
+                    coefficients,
+                    &self.window,
+                    &mut self.counters.saturated_values,
+                );
             }
         }
     }
@@ -363,7 +414,8 @@ impl ServoTick {
         if matches!(self.law, LawState::Fresh) {
             self.window.restart(reading, ahead);
         }
-        self.window.push(&self.parameters.sensor_lag, ahead, correction);
+        self.window
+            .push(&self.parameters.sensor_lag, ahead, correction);
         match self.run_law(reading) {
             None => self.note(self.code),
             Some(command) => {
@@ -383,18 +435,49 @@ impl ServoTick {
             (LawParameters::Hold, _) | (_, LawState::Off) => None,
             (LawParameters::Regulator(parameters), LawState::Regulator(regulator)) => {
                 let creep = self.creep.creep(&parameters.creep, saturated);
-                Some(regulator.output(parameters, reading, &self.window, self.limited, creep, saturated))
+                Some(regulator.output(
+                    parameters,
+                    reading,
+                    &self.window,
+                    self.limited,
+                    creep,
+                    saturated,
+                ))
             }
-            (LawParameters::SlidingMode { estimator, controller }, LawState::SlidingMode(states, law)) => {
-                let acted = if self.parameters.delayed { self.applied_before } else { self.applied };
+            (
+                LawParameters::SlidingMode {
+                    estimator,
+                    controller,
+                },
+                LawState::SlidingMode(states, law),
+            ) => {
+                let acted = if self.parameters.delayed {
+                    self.applied_before
+                } else {
+                    self.applied
+                };
                 states.update(estimator, reading, acted, saturated);
-                Some(law.drive(controller, states, self.applied, &self.window, self.limited, saturated))
+                Some(law.drive(
+                    controller,
+                    states,
+                    self.applied,
+                    &self.window,
+                    self.limited,
+                    saturated,
+                ))
             }
             (LawParameters::Predictor(parameters), LawState::Predictor(law)) => {
                 Some(law.output(parameters, reading, self.applied, &self.window, saturated))
             }
             (parameters, _) => {
-                self.law = begin(parameters, reading, self.applied, &self.creep, &self.window, saturated);
+                self.law = begin(
+                    parameters,
+                    reading,
+                    self.applied,
+                    &self.creep,
+                    &self.window,
+                    saturated,
+                );
                 None
             }
         }
@@ -405,20 +488,31 @@ impl ServoTick {
     fn drive_for(&mut self, command: i32) -> (i32, i32) {
         match &self.parameters.actuator {
             ActuatorParameters::Direct => (command, 0),
-            ActuatorParameters::Linear { volts_per_micrometre, .. } => {
+            ActuatorParameters::Linear {
+                volts_per_micrometre,
+                ..
+            } => {
                 // um (24) * V/um (20) -> V (22)
                 let wide = (i64::from(command) * i64::from(*volts_per_micrometre)) >> 22;
                 (saturate(wide, &mut self.counters.saturated_values), 0)
             }
-            ActuatorParameters::OneSidedHysteresis { drive_min, drive_range, .. } => {
-                let Some(hysteresis) = &self.hysteresis else { return (*drive_min, 0) };
+            ActuatorParameters::OneSidedHysteresis {
+                drive_min,
+                drive_range,
+                ..
+            } => {
+                let Some(hysteresis) = &self.hysteresis else {
+                    return (*drive_min, 0);
+                };
                 let inverse = hysteresis.inverse(command);
                 let mut unreachable = 0;
                 if !inverse.reachable {
                     unreachable = if command > hysteresis.output() { 1 } else { -1 };
-                    self.counters.unreachable_ticks = self.counters.unreachable_ticks.saturating_add(1);
+                    self.counters.unreachable_ticks =
+                        self.counters.unreachable_ticks.saturating_add(1);
                 }
-                let above = (i64::from(inverse.share) * i64::from(*drive_range)) >> SHARE_FRACTION_BITS;
+                let above =
+                    (i64::from(inverse.share) * i64::from(*drive_range)) >> SHARE_FRACTION_BITS;
                 (drive_min.saturating_add(narrow(above)), unreachable)
             }
         }
@@ -428,11 +522,17 @@ impl ServoTick {
     #[inline]
     fn convert(&mut self, drive: i32, unreachable: i32) {
         let c = &self.parameters.converters;
-        let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
+        let wanted = if c.noise_shaping {
+            drive.saturating_add(self.rounding_error)
+        } else {
+            drive
+        };
         let code = c.steps(wanted);
         // At most 20 bits, and as many again: no sum leaves 32.
         let (before, slew) = (self.code.steps() as i32, c.slew_codes as i32);
-        let within = code.max(c.dac_code_min.steps() as i32).min(c.dac_code_max.steps() as i32);
+        let within = code
+            .max(c.dac_code_min.steps() as i32)
+            .min(c.dac_code_max.steps() as i32);
         let reached = within.max(before - slew).min(before + slew);
         self.slewing = reached != within;
         self.limited = i32::from(code > reached) - i32::from(code < reached);
@@ -443,7 +543,11 @@ impl ServoTick {
             self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
         }
         self.note(DriveCode::known(reached));
-        self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drive) } else { 0 };
+        self.rounding_error = if self.limited == 0 {
+            wanted.saturating_sub(self.drive)
+        } else {
+            0
+        };
     }
 
     /// Takes note of a code that will act.
@@ -456,14 +560,28 @@ impl ServoTick {
         self.applied_before = self.applied;
         self.applied = match &self.parameters.actuator {
             ActuatorParameters::Direct => drive,
-            ActuatorParameters::Linear { micrometres_per_volt, .. } => {
+            ActuatorParameters::Linear {
+                micrometres_per_volt,
+                ..
+            } => {
                 // V (22) * um/V (28) -> um (24)
-                saturate((i64::from(drive) * i64::from(*micrometres_per_volt)) >> 26, &mut self.counters.saturated_values)
+                saturate(
+                    (i64::from(drive) * i64::from(*micrometres_per_volt)) >> 26,
+                    &mut self.counters.saturated_values,
+                )
             }
-            ActuatorParameters::OneSidedHysteresis { drive_min, share_per_volt, .. } => {
+            ActuatorParameters::OneSidedHysteresis {
+                drive_min,
+                share_per_volt,
+                ..
+            } => {
                 // V (22) * 1/V (32) -> share (30)
                 let share = (i64::from(drive.saturating_sub(*drive_min)) * *share_per_volt) >> 24;
-                let within = if share < 0 { 0 } else { share.min(1 << SHARE_FRACTION_BITS) as i32 };
+                let within = if share < 0 {
+                    0
+                } else {
+                    share.min(1 << SHARE_FRACTION_BITS) as i32
+                };
                 self.hysteresis.as_mut().map_or(0, |h| h.apply(within))
             }
         };
@@ -510,9 +628,10 @@ impl ServoTick {
     #[must_use]
     pub fn estimate(&self) -> Option<[Micrometres; 2]> {
         match &self.law {
-            LawState::SlidingMode(estimator, _) => {
-                Some([Micrometres::from_bits(estimator.position()), Micrometres::from_bits(estimator.velocity_per_tick())])
-            }
+            LawState::SlidingMode(estimator, _) => Some([
+                Micrometres::from_bits(estimator.position()),
+                Micrometres::from_bits(estimator.velocity_per_tick()),
+            ]),
             _ => None,
         }
     }
@@ -572,7 +691,11 @@ impl ServoTick {
     /// What the notch of a regulator remembers, um with 24 fraction bits.
     #[cfg(test)]
     pub(crate) fn notch_memory(&self) -> [i32; 4] {
-        if let LawState::Regulator(law) = &self.law { law.notch_memory() } else { [0; 4] }
+        if let LawState::Regulator(law) = &self.law {
+            law.notch_memory()
+        } else {
+            [0; 4]
+        }
     }
 
     /// The parameters in use.
@@ -595,12 +718,18 @@ fn begin(
         LawParameters::Hold => LawState::Off,
         LawParameters::Regulator(parameters) => {
             let creep = creep.creep(&parameters.creep, saturated);
-            LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, creep, saturated))
+            LawState::Regulator(PidRegulator::take_over(
+                parameters, reading, window, applied, creep, saturated,
+            ))
         }
         LawParameters::SlidingMode { controller, .. } => {
             // At rest the equivalent control of a position is minus the drive that holds it, and what is
             // applied beyond that is held by the unknown input.
-            let integral = applied.saturating_add(controller.equivalent_control.apply(&[reading, 0], saturated));
+            let integral = applied.saturating_add(
+                controller
+                    .equivalent_control
+                    .apply(&[reading, 0], saturated),
+            );
             let estimator = StateEstimator::at_rest(reading, integral);
             let mut law = SlidingModeController::default();
             if matches!(controller.reaching, Reaching::Pid { .. }) {

@@ -61,7 +61,11 @@ quantity!(Volts, VOLT_FRACTION_BITS);
 #[must_use]
 pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
     let low = value as i32;
-    if i64::from(low) == value { low } else { end_of_format(value, saturated) }
+    if i64::from(low) == value {
+        low
+    } else {
+        end_of_format(value, saturated)
+    }
 }
 
 /// A sum with `Q` fraction bits more than it is to have, which are cut off; counts when what is left is not
@@ -71,7 +75,11 @@ pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
 pub fn saturate_shifted<const Q: u32>(sum: i64, saturated: &mut u32) -> i32 {
     // It fits where all bits above the result's are its sign: one comparison of the upper word.
     let above = ((sum >> 32) as i32).wrapping_add(1 << (Q - 1)) as u32;
-    if above < 1 << Q { (sum >> Q) as i32 } else { end_of_format(sum, saturated) }
+    if above < 1 << Q {
+        (sum >> Q) as i32
+    } else {
+        end_of_format(sum, saturated)
+    }
 }
 
 /// The value in 32 bits, where it is known to fit.
@@ -79,7 +87,10 @@ pub fn saturate_shifted<const Q: u32>(sum: i64, saturated: &mut u32) -> i32 {
 #[must_use]
 pub fn narrow(value: i64) -> i32 {
     #[cfg(test)]
-    assert!(i32::try_from(value).is_ok(), "{value} has no room in 32 bits");
+    assert!(
+        i32::try_from(value).is_ok(),
+        "{value} has no room in 32 bits"
+    );
     value as i32
 }
 
@@ -114,7 +125,11 @@ mod tests {
     fn both<const Q: u32>(sum: i64) {
         let mut counts = [0, 0];
         let [shifted, plain] = &mut counts;
-        assert_eq!(saturate_shifted::<Q>(sum, shifted), saturate(sum >> Q, plain), "{sum} {Q}");
+        assert_eq!(
+            saturate_shifted::<Q>(sum, shifted),
+            saturate(sum >> Q, plain),
+            "{sum} {Q}"
+        );
         assert_eq!(counts[0], counts[1], "{sum} {Q}");
     }
 

@@ -30,7 +30,9 @@ pub const OFFSET_DECAY_SHIFT: u32 = 8;
 pub type SectionRow = Row<5, SECTION_FRACTION_BITS>;
 
 /// A section that passes everything.
-pub const PASSES: SectionRow = Row { coefficients: [1 << SECTION_FRACTION_BITS, 0, 0, 0, 0] };
+pub const PASSES: SectionRow = Row {
+    coefficients: [1 << SECTION_FRACTION_BITS, 0, 0, 0, 0],
+};
 
 /// Which signal is filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +74,15 @@ struct Section {
 }
 
 impl Section {
-    const OFF: Self = Self { row: PASSES, past: [0; 4], remainder: 0, settled: false, runs: false, offset: 0, before: None };
+    const OFF: Self = Self {
+        row: PASSES,
+        past: [0; 4],
+        remainder: 0,
+        settled: false,
+        runs: false,
+        offset: 0,
+        before: None,
+    };
 
     /// The section's own output, before the offset, and what its shift cuts off.
     #[inline(always)]
@@ -80,7 +90,10 @@ impl Section {
         let [x1, x2, y1, y2] = self.past;
         let total = row.sum_from(i64::from(self.remainder), &[sample, x1, x2, y1, y2]);
         let cut = (total & ((1i64 << SECTION_FRACTION_BITS) - 1)) as u32;
-        (saturate_shifted::<SECTION_FRACTION_BITS>(total, saturated), cut)
+        (
+            saturate_shifted::<SECTION_FRACTION_BITS>(total, saturated),
+            cut,
+        )
     }
 
     /// The next output of a section that is settled.
@@ -96,7 +109,11 @@ impl Section {
     /// The next output of one that is not. It is over when the offset has gone.
     #[inline(always)]
     fn step_over(&mut self, sample: i32, saturated: &mut u32) -> i32 {
-        let own = if self.before.is_some() || !self.runs { self.begin(sample, saturated) } else { self.step(sample, saturated) };
+        let own = if self.before.is_some() || !self.runs {
+            self.begin(sample, saturated)
+        } else {
+            self.step(sample, saturated)
+        };
         let output = own.saturating_add(self.offset);
         // Towards zero, ending there.
         self.offset -= (self.offset >> OFFSET_DECAY_SHIFT) + i32::from(self.offset > 0);
@@ -142,7 +159,10 @@ pub struct SignalFilter {
 
 impl SignalFilter {
     /// Passes everything.
-    pub const OFF: Self = Self { on: 0, sections: [Section::OFF; SECTIONS] };
+    pub const OFF: Self = Self {
+        on: 0,
+        sections: [Section::OFF; SECTIONS],
+    };
 
     /// Whether it passes everything as it is.
     #[inline(always)]
@@ -179,7 +199,9 @@ impl SignalFilter {
         for nth in 0..SECTIONS {
             match self.sections.get_mut(nth) {
                 Some(section) if section.settled => signal = section.step(signal, saturated),
-                Some(_) if self.on >> nth & 1 == 1 => signal = self.step_over(nth, signal, saturated),
+                Some(_) if self.on >> nth & 1 == 1 => {
+                    signal = self.step_over(nth, signal, saturated)
+                }
                 _ => {}
             }
         }
@@ -190,7 +212,9 @@ impl SignalFilter {
     #[cold]
     #[inline(never)]
     fn step_over(&mut self, nth: usize, sample: i32, saturated: &mut u32) -> i32 {
-        let Some(section) = self.sections.get_mut(nth) else { return sample };
+        let Some(section) = self.sections.get_mut(nth) else {
+            return sample;
+        };
         let output = section.step_over(sample, saturated);
         if section.settled && section.row == PASSES {
             section.restart();
@@ -203,7 +227,13 @@ impl SignalFilter {
 /// The next samples of two signals, each through its filter.
 // Not inlined: an instruction reaches the sections from the filters' own addresses only.
 #[inline(never)]
-pub(crate) fn step_both(a: &mut SignalFilter, b: &mut SignalFilter, of_a: i32, of_b: i32, saturated: &mut u32) -> (i32, i32) {
+pub(crate) fn step_both(
+    a: &mut SignalFilter,
+    b: &mut SignalFilter,
+    of_a: i32,
+    of_b: i32,
+    saturated: &mut u32,
+) -> (i32, i32) {
     (a.step(of_a, saturated), b.step(of_b, saturated))
 }
 
@@ -234,8 +264,10 @@ mod tests {
             }),
         ];
         let low_pass = prop_oneof![1 => Just(0u32), 3 => 10_000u32..9_000_000];
-        (notch.clone(), notch, low_pass)
-            .prop_map(|(one, two, low_pass_millihertz)| FilterSetting { notches: [one, two], low_pass_millihertz })
+        (notch.clone(), notch, low_pass).prop_map(|(one, two, low_pass_millihertz)| FilterSetting {
+            notches: [one, two],
+            low_pass_millihertz,
+        })
     }
 
     const PLACES: [Place; SECTIONS] = [Place::Notch1, Place::Notch2, Place::LowPass];
@@ -248,7 +280,9 @@ mod tests {
 
     /// 5 um at so many Hz of 20 kHz.
     fn sine(hz: f64, tick: u32) -> i32 {
-        ((f64::from(tick) * hz / 20_000.0 * core::f64::consts::TAU).sin() * 5.0 * f64::from(1 << 24)) as i32
+        ((f64::from(tick) * hz / 20_000.0 * core::f64::consts::TAU).sin()
+            * 5.0
+            * f64::from(1 << 24)) as i32
     }
 
     proptest! {
@@ -315,20 +349,35 @@ mod tests {
 
     /// Filters as they stand in front of a loop: notches from 300 Hz on, a low-pass from 200 Hz on.
     fn gentle() -> impl Strategy<Value = FilterSetting> {
-        let notch = (300_000u32..3_000_000, 20_000u32..300_000)
-            .prop_map(|(frequency_millihertz, width_millihertz)| Notch { frequency_millihertz, width_millihertz });
+        let notch = (300_000u32..3_000_000, 20_000u32..300_000).prop_map(
+            |(frequency_millihertz, width_millihertz)| Notch {
+                frequency_millihertz,
+                width_millihertz,
+            },
+        );
         let notch = prop_oneof![1 => Just(Notch::OFF), 3 => notch];
         let low_pass = prop_oneof![1 => Just(0u32), 3 => 200_000u32..5_000_000];
-        (notch.clone(), notch, low_pass)
-            .prop_map(|(one, two, low_pass_millihertz)| FilterSetting { notches: [one, two], low_pass_millihertz })
+        (notch.clone(), notch, low_pass).prop_map(|(one, two, low_pass_millihertz)| FilterSetting {
+            notches: [one, two],
+            low_pass_millihertz,
+        })
     }
 
     /// A massless stage of 1/7 um/V in front of the example's regulator, which follows a sine of 2 um;
     /// filters of both signals change at `at`. Codes of every tick.
-    fn closed_loop(old: [FilterSetting; 2], new: Option<[FilterSetting; 2]>, hz: f64, at: u32, ticks: u32) -> Vec<i64> {
+    fn closed_loop(
+        old: [FilterSetting; 2],
+        new: Option<[FilterSetting; 2]>,
+        hz: f64,
+        at: u32,
+        ticks: u32,
+    ) -> Vec<i64> {
         let mut parameters = example();
         parameters.guard.stuck_ticks = 0;
-        parameters.servo.actuator = ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 };
+        parameters.servo.actuator = ActuatorParameters::Linear {
+            volts_per_micrometre: 7 << 20,
+            micrometres_per_volt: (1 << 28) / 7,
+        };
         if let LawParameters::Regulator(law) = &mut parameters.servo.law {
             law.proportional_derivative.coefficients = [1 << 16, 0];
             law.integral = 1 << 21;
@@ -337,19 +386,40 @@ mod tests {
         }
         let mut amplifier = Amplifier::new(parameters);
         let tell = |amplifier: &mut Amplifier, filters: [FilterSetting; 2]| {
-            for (signal, setting) in [FilteredSignal::SetPoint, FilteredSignal::Sensor].into_iter().zip(filters) {
+            for (signal, setting) in [FilteredSignal::SetPoint, FilteredSignal::Sensor]
+                .into_iter()
+                .zip(filters)
+            {
                 for place in PLACES {
-                    assert_eq!(amplifier.command(Command::Filter { signal, place, row: row(place, &setting) }), Ok(()));
+                    assert_eq!(
+                        amplifier.command(Command::Filter {
+                            signal,
+                            place,
+                            row: row(place, &setting)
+                        }),
+                        Ok(())
+                    );
                 }
             }
         };
         tell(&mut amplifier, old);
         assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
-        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
         let increment = (hz / 20_000.0 * 2f64.powi(32)) as u32;
         let none = (0, Micrometres::ZERO, 0);
-        let waveform = Waveform::Multisine { tones: [(increment, Micrometres::from_num(2), 0), none, none, none] };
-        assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));
+        let waveform = Waveform::Multisine {
+            tones: [(increment, Micrometres::from_num(2), 0), none, none, none],
+        };
+        assert_eq!(
+            amplifier.command(Command::Reference {
+                waveform,
+                offset: Micrometres::from_num(5)
+            }),
+            Ok(())
+        );
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         let (mut code, mut codes) = (amplifier.parameters().guard.rest_code, Vec::new());
         for tick in 0..ticks {
@@ -361,7 +431,15 @@ mod tests {
             code = amplifier.tick(Some(reading), false).dac_code;
             codes.push(i64::from(code));
         }
-        assert_eq!((amplifier.mode(), amplifier.servo().counters().saturated_values), (Mode::Closed, 0), "{:?}", amplifier.fault());
+        assert_eq!(
+            (
+                amplifier.mode(),
+                amplifier.servo().counters().saturated_values
+            ),
+            (Mode::Closed, 0),
+            "{:?}",
+            amplifier.fault()
+        );
         codes
     }
 
@@ -394,7 +472,10 @@ mod tests {
     #[test]
     fn a_section_that_is_switched_off_costs_nothing_any_more() {
         let (mut filter, mut saturated) = (SignalFilter::OFF, 0);
-        let notch = FilterSetting { low_pass_millihertz: 100_000, ..FilterSetting::OFF };
+        let notch = FilterSetting {
+            low_pass_millihertz: 100_000,
+            ..FilterSetting::OFF
+        };
         filter.set(Place::LowPass, &row(Place::LowPass, &notch));
         for tick in 0..1000 {
             filter.step(sine(40.0, tick), &mut saturated);
@@ -404,22 +485,42 @@ mod tests {
         for tick in 1000..7000 {
             filter.step(sine(40.0, tick), &mut saturated);
         }
-        assert_eq!((filter.on, filter.step(sine(40.0, 7000), &mut saturated), saturated), (0, sine(40.0, 7000), 0));
+        assert_eq!(
+            (
+                filter.on,
+                filter.step(sine(40.0, 7000), &mut saturated),
+                saturated
+            ),
+            (0, sine(40.0, 7000), 0)
+        );
     }
 
     #[test]
     fn a_notch_takes_its_line_out_and_leaves_the_others() {
-        let notch = Notch { frequency_millihertz: 735_000, width_millihertz: 50_000 };
-        let setting = FilterSetting { notches: [notch, Notch::OFF], low_pass_millihertz: 0 };
+        let notch = Notch {
+            frequency_millihertz: 735_000,
+            width_millihertz: 50_000,
+        };
+        let setting = FilterSetting {
+            notches: [notch, Notch::OFF],
+            low_pass_millihertz: 0,
+        };
         let amplitude = |hz: f64| {
             let (mut filter, mut saturated) = (SignalFilter::OFF, 0);
             set_all(&mut filter, &setting);
-            let tail: Vec<i32> = (0..8000).map(|tick| filter.step(sine(hz, tick), &mut saturated)).skip(6000).collect();
+            let tail: Vec<i32> = (0..8000)
+                .map(|tick| filter.step(sine(hz, tick), &mut saturated))
+                .skip(6000)
+                .collect();
             f64::from(tail.iter().map(|y| y.abs()).max().unwrap_or(0)) / f64::from(5 << 24)
         };
         assert!(amplitude(735.0) < 1e-3, "{}", amplitude(735.0));
         // At the edge of the width 3 dB.
-        assert!((amplitude(710.4) - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.02, "{}", amplitude(710.4));
+        assert!(
+            (amplitude(710.4) - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.02,
+            "{}",
+            amplitude(710.4)
+        );
         assert!(amplitude(100.0) > 0.99 && amplitude(3000.0) > 0.98);
     }
 }

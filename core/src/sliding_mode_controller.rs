@@ -106,28 +106,49 @@ impl SlidingModeController {
         let [x1, x2] = [estimate.position(), estimate.velocity_per_tick()];
         let (position, velocity_per_tick, wanted) = match &parameters.prediction {
             None => (x1, x2, reference.now()),
-            Some(Prediction { rows: [row_1, row_2] }) => {
+            Some(Prediction {
+                rows: [row_1, row_2],
+            }) => {
                 let signals = [x1, x2, estimate.integral(), acting];
-                (row_1.apply(&signals, saturated), row_2.apply(&signals, saturated), reference.next())
+                (
+                    row_1.apply(&signals, saturated),
+                    row_2.apply(&signals, saturated),
+                    reference.next(),
+                )
             }
         };
         let e1 = position.saturating_sub(wanted);
-        let e2 = velocity_per_tick.saturating_sub(parameters.reference_velocity.apply(reference.positions(), saturated));
+        let e2 = velocity_per_tick.saturating_sub(
+            parameters
+                .reference_velocity
+                .apply(reference.positions(), saturated),
+        );
         self.errors = [e1, e2];
         let q = parameters.switching_function.apply(&self.errors, saturated);
         let reaching = match &parameters.reaching {
-            Reaching::Pid { proportional_derivative, integral } => {
+            Reaching::Pid {
+                proportional_derivative,
+                integral,
+            } => {
                 // A positive q lowers the drive.
                 if (hold > 0 && q > 0) || (hold < 0 && q < 0) || hold == 0 {
-                    self.integral.add::<ERROR_ROW_FRACTION_BITS>(*integral, q, saturated);
+                    self.integral
+                        .add::<ERROR_ROW_FRACTION_BITS>(*integral, q, saturated);
                 }
                 let change = q.saturating_sub(self.last_switching_function);
                 proportional_derivative.apply(&[q, change], saturated)
             }
             Reaching::Switching { magnitude } => q.signum().saturating_mul(*magnitude),
-            Reaching::BoundaryLayer { magnitude, thickness } => {
+            Reaching::BoundaryLayer {
+                magnitude,
+                thickness,
+            } => {
                 let layer = i64::from(q).abs().saturating_add(i64::from(*thickness));
-                narrow((i64::from(*magnitude) * i64::from(q)).checked_div(layer).unwrap_or(0))
+                narrow(
+                    (i64::from(*magnitude) * i64::from(q))
+                        .checked_div(layer)
+                        .unwrap_or(0),
+                )
             }
         };
         self.last_switching_function = q;

@@ -40,15 +40,36 @@ impl StateEstimator {
     /// At rest at a position, with the integral that holds it there.
     #[must_use]
     pub fn at_rest(position: i32, integral: i32) -> Self {
-        let states = [Integrating::at(position), Integrating::at(0), Integrating::at(integral)];
-        Self { states, last_reading: position, unknown_input: integral.saturating_neg() }
+        let states = [
+            Integrating::at(position),
+            Integrating::at(0),
+            Integrating::at(integral),
+        ];
+        Self {
+            states,
+            last_reading: position,
+            unknown_input: integral.saturating_neg(),
+        }
     }
 
     /// Takes the reading `y[k]` and the drive that acted since `y[k-1]`.
     #[inline]
-    pub fn update(&mut self, parameters: &EstimatorParameters, reading: i32, drive: i32, saturated: &mut u32) {
+    pub fn update(
+        &mut self,
+        parameters: &EstimatorParameters,
+        reading: i32,
+        drive: i32,
+        saturated: &mut u32,
+    ) {
         let [x1, x2, integral] = &mut self.states;
-        let mut signals = [x1.state, x2.state, integral.state, self.last_reading, reading, drive];
+        let mut signals = [
+            x1.state,
+            x2.state,
+            integral.state,
+            self.last_reading,
+            reading,
+            drive,
+        ];
         let [row_1, row_2, row_3] = &parameters.rows;
         x1.replace(row_1, &signals, saturated);
         x2.replace(row_2, &signals, saturated);

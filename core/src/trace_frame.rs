@@ -103,7 +103,8 @@ impl PackedSample {
 /// Both codes in 40 bits, the sensor's lowest.
 #[must_use]
 pub fn code_bytes(sensor: SensorCode, drive: DriveCode) -> [u8; CODE_BYTES] {
-    let [a, b, c, d, e, ..] = (u64::from(sensor.steps()) | u64::from(drive.steps()) << MOST_BITS).to_le_bytes();
+    let [a, b, c, d, e, ..] =
+        (u64::from(sensor.steps()) | u64::from(drive.steps()) << MOST_BITS).to_le_bytes();
     [a, b, c, d, e]
 }
 
@@ -112,7 +113,10 @@ pub fn code_bytes(sensor: SensorCode, drive: DriveCode) -> [u8; CODE_BYTES] {
 pub fn codes_of(bytes: [u8; CODE_BYTES]) -> (SensorCode, DriveCode) {
     let [a, b, c, d, e] = bytes;
     let both = u64::from_le_bytes([a, b, c, d, e, 0, 0, 0]);
-    (SensorCode::new(both as u32 & CODE_MASK), DriveCode::new((both >> MOST_BITS) as u32 & CODE_MASK))
+    (
+        SensorCode::new(both as u32 & CODE_MASK),
+        DriveCode::new((both >> MOST_BITS) as u32 & CODE_MASK),
+    )
 }
 
 /// Which channels of a sample are sent.
@@ -191,18 +195,24 @@ impl TraceBlock {
         }
         let c = self.channels;
         if c.has(Channels::CODES) {
-            let _ = self.bytes.extend_from_slice(&code_bytes(sample.adc_code, sample.dac_code));
+            let _ = self
+                .bytes
+                .extend_from_slice(&code_bytes(sample.adc_code, sample.dac_code));
         }
-        for (channel, value) in
-            [(Channels::REFERENCE, sample.reference), (Channels::APPLIED, sample.applied), (Channels::UNKNOWN_INPUT, sample.unknown_input)]
-        {
+        for (channel, value) in [
+            (Channels::REFERENCE, sample.reference),
+            (Channels::APPLIED, sample.applied),
+            (Channels::UNKNOWN_INPUT, sample.unknown_input),
+        ] {
             if c.has(channel) {
                 let _ = self.bytes.extend_from_slice(&value.to_le_bytes());
             }
         }
         if c.has(Channels::FLAGS) {
             // Two bits of mode, six of fault.
-            let _ = self.bytes.push((sample.flags & 3) as u8 | ((sample.flags >> 8) << 2) as u8);
+            let _ = self
+                .bytes
+                .push((sample.flags & 3) as u8 | ((sample.flags >> 8) << 2) as u8);
         }
         self.samples += 1;
         self.next_tick = sample.tick.wrapping_add(u32::from(self.decimation));
@@ -256,9 +266,27 @@ impl<'a> ReadBlock<'a> {
     /// # Errors
     /// [`TraceError`].
     pub fn read(bytes: &'a [u8]) -> Result<Self, TraceError> {
-        let Some((content, checksum)) = bytes.split_last_chunk::<CHECKSUM_BYTES>() else { return Err(TraceError::Length) };
-        let Some((&[version, channels, d0, d1, t0, t1, t2, t3, l0, l1, l2, l3, count], samples)) =
-            content.split_first_chunk::<HEADER_BYTES>()
+        let Some((content, checksum)) = bytes.split_last_chunk::<CHECKSUM_BYTES>() else {
+            return Err(TraceError::Length);
+        };
+        let Some((
+            &[
+                version,
+                channels,
+                d0,
+                d1,
+                t0,
+                t1,
+                t2,
+                t3,
+                l0,
+                l1,
+                l2,
+                l3,
+                count,
+            ],
+            samples,
+        )) = content.split_first_chunk::<HEADER_BYTES>()
         else {
             return Err(TraceError::Length);
         };
@@ -283,33 +311,42 @@ impl<'a> ReadBlock<'a> {
 
     /// Its samples.
     pub fn samples(&self) -> impl Iterator<Item = TraceSample> + '_ {
-        let (channels, decimation, first) = (self.channels, u32::from(self.decimation), self.first_tick);
-        self.samples.chunks_exact(channels.sample_bytes().max(1)).zip(0u32..).map(move |(bytes, k)| {
-            let mut sample = TraceSample { tick: first.wrapping_add(k.wrapping_mul(decimation)), ..TraceSample::default() };
-            let mut rest = bytes;
-            if channels.has(Channels::CODES) {
-                (sample.adc_code, sample.dac_code) = codes_of(take(&mut rest));
-            }
-            for (channel, value) in [
-                (Channels::REFERENCE, &mut sample.reference),
-                (Channels::APPLIED, &mut sample.applied),
-                (Channels::UNKNOWN_INPUT, &mut sample.unknown_input),
-            ] {
-                if channels.has(channel) {
-                    *value = i32::from_le_bytes(take(&mut rest));
+        let (channels, decimation, first) =
+            (self.channels, u32::from(self.decimation), self.first_tick);
+        self.samples
+            .chunks_exact(channels.sample_bytes().max(1))
+            .zip(0u32..)
+            .map(move |(bytes, k)| {
+                let mut sample = TraceSample {
+                    tick: first.wrapping_add(k.wrapping_mul(decimation)),
+                    ..TraceSample::default()
+                };
+                let mut rest = bytes;
+                if channels.has(Channels::CODES) {
+                    (sample.adc_code, sample.dac_code) = codes_of(take(&mut rest));
                 }
-            }
-            if channels.has(Channels::FLAGS) {
-                let [flags] = take::<1>(&mut rest);
-                sample.flags = u16::from(flags & 3) | u16::from(flags >> 2) << 8;
-            }
-            sample
-        })
+                for (channel, value) in [
+                    (Channels::REFERENCE, &mut sample.reference),
+                    (Channels::APPLIED, &mut sample.applied),
+                    (Channels::UNKNOWN_INPUT, &mut sample.unknown_input),
+                ] {
+                    if channels.has(channel) {
+                        *value = i32::from_le_bytes(take(&mut rest));
+                    }
+                }
+                if channels.has(Channels::FLAGS) {
+                    let [flags] = take::<1>(&mut rest);
+                    sample.flags = u16::from(flags & 3) | u16::from(flags >> 2) << 8;
+                }
+                sample
+            })
     }
 }
 
 fn take<const N: usize>(rest: &mut &[u8]) -> [u8; N] {
-    let Some((chunk, tail)) = rest.split_first_chunk::<N>() else { return [0; N] };
+    let Some((chunk, tail)) = rest.split_first_chunk::<N>() else {
+        return [0; N];
+    };
     *rest = tail;
     *chunk
 }
@@ -341,9 +378,19 @@ mod tests {
             block.push(&sample(tick), 0, |bytes| blocks.push(bytes.to_vec()));
         }
         block.finish(&mut |bytes: &[u8]| blocks.push(bytes.to_vec()));
-        let read: Vec<TraceSample> =
-            blocks.iter().flat_map(|bytes| ReadBlock::read(bytes).expect("whole").samples().collect::<Vec<_>>()).collect();
-        assert_eq!(read, ticks.iter().map(|&tick| sample(tick)).collect::<Vec<_>>());
+        let read: Vec<TraceSample> = blocks
+            .iter()
+            .flat_map(|bytes| {
+                ReadBlock::read(bytes)
+                    .expect("whole")
+                    .samples()
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        assert_eq!(
+            read,
+            ticks.iter().map(|&tick| sample(tick)).collect::<Vec<_>>()
+        );
         assert_eq!(blocks.len(), 4); // 16, 16, 8 before the gap, 5 after
     }
 
@@ -363,7 +410,10 @@ mod tests {
                 let mut block = TraceBlock::new(Channels::ALL, 1);
                 block.push(&whole, 0, |bytes| sent = bytes.to_vec());
                 block.finish(&mut |bytes: &[u8]| sent = bytes.to_vec());
-                assert_eq!(ReadBlock::read(&sent).expect("whole").samples().next(), Some(whole));
+                assert_eq!(
+                    ReadBlock::read(&sent).expect("whole").samples().next(),
+                    Some(whole)
+                );
             }
         }
     }
@@ -376,7 +426,10 @@ mod tests {
             block.push(&sample(tick), 9, |bytes| whole = bytes.to_vec());
         }
         let read = ReadBlock::read(&whole).expect("whole");
-        assert_eq!((read.lost_ticks, read.decimation, read.samples().count()), (9, 2, 16));
+        assert_eq!(
+            (read.lost_ticks, read.decimation, read.samples().count()),
+            (9, 2, 16)
+        );
         for bit in 0..whole.len() * 8 {
             let mut damaged = whole.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);

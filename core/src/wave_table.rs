@@ -38,28 +38,55 @@ impl<Q: Quantity> WaveTable<Q> {
     /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or
     /// not, so many times (0: for ever). Every point must lie within the format of `Q`, or it is cut to it.
     #[must_use]
-    pub fn new(points: &'static [AtomicI32], ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
+    pub fn new(
+        points: &'static [AtomicI32],
+        ticks_per_point: u32,
+        joined: bool,
+        cycles: u32,
+    ) -> Self {
         let ticks_per_point = ticks_per_point.max(1);
-        let slope = if joined && ticks_per_point > 1 { (1 << 30) / ticks_per_point } else { 0 };
-        Self { points, of: PhantomData, ticks_per_point, slope, cycles, marked: 0 }
+        let slope = if joined && ticks_per_point > 1 {
+            (1 << 30) / ticks_per_point
+        } else {
+            0
+        };
+        Self {
+            points,
+            of: PhantomData,
+            ticks_per_point,
+            slope,
+            cycles,
+            marked: 0,
+        }
     }
 
     /// Itself with a point that is marked while it is played, from 1; 0 for none.
     #[must_use]
     pub fn marking(self, point: u32) -> Self {
-        Self { marked: point, ..self }
+        Self {
+            marked: point,
+            ..self
+        }
     }
 
     /// Ticks after which it repeats; `None` where it is played once, is empty, or is too long to count.
     #[must_use]
     pub fn period_ticks(&self) -> Option<u32> {
-        let points = u32::try_from(self.points.len()).ok().filter(|points| *points > 0 && self.cycles != 1)?;
+        let points = u32::try_from(self.points.len())
+            .ok()
+            .filter(|points| *points > 0 && self.cycles != 1)?;
         points.checked_mul(self.ticks_per_point)
     }
 
     fn point(&self, nth: usize) -> i32 {
-        let point = self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed));
-        point.max(i32::MIN >> Self::SHIFT).min(i32::MAX >> Self::SHIFT) << Self::SHIFT
+        let point = self
+            .points
+            .get(nth)
+            .map_or(0, |point| point.load(Ordering::Relaxed));
+        point
+            .max(i32::MIN >> Self::SHIFT)
+            .min(i32::MAX >> Self::SHIFT)
+            << Self::SHIFT
     }
 }
 
@@ -67,7 +94,12 @@ impl<Q> PartialEq for WaveTable<Q> {
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self.points, other.points)
             && (self.ticks_per_point, self.slope, self.cycles, self.marked)
-                == (other.ticks_per_point, other.slope, other.cycles, other.marked)
+                == (
+                    other.ticks_per_point,
+                    other.slope,
+                    other.cycles,
+                    other.marked,
+                )
     }
 }
 
@@ -100,11 +132,16 @@ impl TablePlayer {
         let mut value = here;
         if table.slope != 0 {
             let last_of_all = last && table.cycles != 0 && self.cycles + 1 >= table.cycles;
-            let next = if last_of_all { here } else { table.point(if last { 0 } else { self.point + 1 }) };
+            let next = if last_of_all {
+                here
+            } else {
+                table.point(if last { 0 } else { self.point + 1 })
+            };
             let change = i64::from(next) - i64::from(here);
             // A difference of 33 bits times less than 2^30; the sum lies between the two points, whatever the
             // part does.
-            value = here.wrapping_add(((change * i64::from(self.ticks * table.slope)) >> 30) as i32);
+            value =
+                here.wrapping_add(((change * i64::from(self.ticks * table.slope)) >> 30) as i32);
         }
         self.ticks += 1;
         if self.ticks >= table.ticks_per_point {
@@ -152,7 +189,13 @@ mod tests {
     use std::vec::Vec;
 
     fn memory(points: &[i32]) -> &'static [AtomicI32] {
-        Box::leak(points.iter().map(|point| AtomicI32::new(*point)).collect::<Vec<_>>().into_boxed_slice())
+        Box::leak(
+            points
+                .iter()
+                .map(|point| AtomicI32::new(*point))
+                .collect::<Vec<_>>()
+                .into_boxed_slice(),
+        )
     }
 
     fn play<Q: Quantity>(table: WaveTable<Q>, ticks: usize) -> Vec<i32> {
@@ -163,52 +206,108 @@ mod tests {
     #[test]
     fn points_are_played_joined_or_not_so_many_times_and_the_last_one_stays() {
         let points = memory(&[0, 100, -100]);
-        assert_eq!(play(WaveTable::<Volts>::new(points, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::<Volts>::new(points, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::<Volts>::new(points, 1, false, 0), 301)[300], 0, "for ever");
+        assert_eq!(
+            play(WaveTable::<Volts>::new(points, 1, true, 2), 8),
+            [0, 100, -100, 0, 100, -100, -100, -100]
+        );
+        assert_eq!(
+            play(WaveTable::<Volts>::new(points, 2, false, 1), 8),
+            [0, 0, 100, 100, -100, -100, -100, -100]
+        );
+        assert_eq!(
+            play(WaveTable::<Volts>::new(points, 1, false, 0), 301)[300],
+            0,
+            "for ever"
+        );
         // Straight lines; the shares 1/4, 1/2 and 3/4 are a little short of themselves.
         let joined = play(WaveTable::<Volts>::new(points, 4, true, 0), 13);
-        let exact = [0.0, 25.0, 50.0, 75.0, 100.0, 50.0, 0.0, -50.0, -100.0, -75.0, -50.0, -25.0, 0.0];
+        let exact = [
+            0.0, 25.0, 50.0, 75.0, 100.0, 50.0, 0.0, -50.0, -100.0, -75.0, -50.0, -25.0, 0.0,
+        ];
         for (value, exact) in joined.iter().zip(exact) {
             assert!((f64::from(*value) - exact).abs() <= 1.0, "{joined:?}");
         }
-        assert_eq!(play(WaveTable::<Volts>::new(points, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
+        assert_eq!(
+            play(WaveTable::<Volts>::new(points, 4, true, 1), 20)[8..],
+            [-100; 12],
+            "the end joins nothing"
+        );
     }
 
     #[test]
     fn a_table_that_is_cycled_has_a_period() {
-        let table = |points: &[i32], ticks, cycles| WaveTable::<Volts>::new(memory(points), ticks, true, cycles).period_ticks();
-        assert_eq!((table(&[1, 2], 100, 0), table(&[1, 2, 3], 7, 5)), (Some(200), Some(21)));
-        assert_eq!((table(&[1, 2], 100, 1), table(&[], 100, 0), table(&[1, 2], u32::MAX, 0)), (None, None, None));
+        let table = |points: &[i32], ticks, cycles| {
+            WaveTable::<Volts>::new(memory(points), ticks, true, cycles).period_ticks()
+        };
+        assert_eq!(
+            (table(&[1, 2], 100, 0), table(&[1, 2, 3], 7, 5)),
+            (Some(200), Some(21))
+        );
+        assert_eq!(
+            (
+                table(&[1, 2], 100, 1),
+                table(&[], 100, 0),
+                table(&[1, 2], u32::MAX, 0)
+            ),
+            (None, None, None)
+        );
     }
 
     #[test]
     fn a_position_has_two_bits_more_than_a_drive_and_never_wraps() {
         let points = memory(&[3 << 22, -5, i32::MAX, i32::MIN]);
-        assert_eq!(play(WaveTable::<Volts>::new(points, 1, false, 1), 4), [3 << 22, -5, i32::MAX, i32::MIN]);
-        assert_eq!(play(WaveTable::<Micrometres>::new(points, 1, false, 1), 4), [3 << 24, -20, i32::MAX - 3, i32::MIN]);
+        assert_eq!(
+            play(WaveTable::<Volts>::new(points, 1, false, 1), 4),
+            [3 << 22, -5, i32::MAX, i32::MIN]
+        );
+        assert_eq!(
+            play(WaveTable::<Micrometres>::new(points, 1, false, 1), 4),
+            [3 << 24, -20, i32::MAX - 3, i32::MIN]
+        );
     }
 
     #[test]
     fn a_point_is_marked_for_as_long_as_it_lasts_in_every_cycle_and_not_behind_the_last() {
         let marks = |point, cycles| -> Vec<u8> {
-            let (table, mut player) =
-                (WaveTable::<Volts>::new(memory(&[5, 6, 7]), 2, false, cycles).marking(point), TablePlayer::default());
-            (0..16).map(|_| (player.next_point(&table), u8::from(player.marked(0))).1).collect()
+            let (table, mut player) = (
+                WaveTable::<Volts>::new(memory(&[5, 6, 7]), 2, false, cycles).marking(point),
+                TablePlayer::default(),
+            );
+            (0..16)
+                .map(|_| (player.next_point(&table), u8::from(player.marked(0))).1)
+                .collect()
         };
-        assert_eq!(marks(2, 2), [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0]);
-        assert_eq!(marks(3, 1), [0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-        assert_eq!((marks(0, 0), marks(4, 0)), ([0; 16].to_vec(), [0; 16].to_vec()));
+        assert_eq!(
+            marks(2, 2),
+            [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0]
+        );
+        assert_eq!(
+            marks(3, 1),
+            [0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+        );
+        assert_eq!(
+            (marks(0, 0), marks(4, 0)),
+            ([0; 16].to_vec(), [0; 16].to_vec())
+        );
     }
 
     #[test]
     fn a_finished_table_is_not_read_again() {
         for joined in [false, true] {
             let points = memory(&[5, 6, 7]);
-            let (table, mut player) = (WaveTable::<Volts>::new(points, 2, joined, 2), TablePlayer::default());
+            let (table, mut player) = (
+                WaveTable::<Volts>::new(points, 2, joined, 2),
+                TablePlayer::default(),
+            );
             let last = (0..20).map(|_| player.next_point(&table)).last();
-            points.iter().for_each(|point| point.store(60 << POINT_FRACTION_BITS, Ordering::Relaxed));
-            assert_eq!((last, player.next_point(&table)), (Some(7), 7), "joined: {joined}");
+            points
+                .iter()
+                .for_each(|point| point.store(60 << POINT_FRACTION_BITS, Ordering::Relaxed));
+            assert_eq!(
+                (last, player.next_point(&table)),
+                (Some(7), 7),
+                "joined: {joined}"
+            );
         }
     }
 

@@ -12,12 +12,16 @@ use hysteron_core::amplifier::Command;
 use crate::control::{self, COMMAND_QUEUE, Scheduled, Source};
 use crate::ring::Producer;
 
-static QUEUE: ThreadModeMutex<RefCell<Option<Producer<Scheduled, COMMAND_QUEUE>>>> = ThreadModeMutex::new(RefCell::new(None));
+static QUEUE: ThreadModeMutex<RefCell<Option<Producer<Scheduled, COMMAND_QUEUE>>>> =
+    ThreadModeMutex::new(RefCell::new(None));
 
 /// Stops so far, wrapping.
 static STOPS: AtomicU32 = AtomicU32::new(0);
 
-fn with_queue<T>(otherwise: T, action: impl FnOnce(&mut Producer<Scheduled, COMMAND_QUEUE>) -> T) -> T {
+fn with_queue<T>(
+    otherwise: T,
+    action: impl FnOnce(&mut Producer<Scheduled, COMMAND_QUEUE>) -> T,
+) -> T {
     QUEUE.lock(|queue| match queue.borrow_mut().as_mut() {
         Some(queue) => action(queue),
         None => otherwise,
@@ -32,7 +36,9 @@ pub fn open(queue: Producer<Scheduled, COMMAND_QUEUE>) {
 /// Gives a command to the amplifier; `false` if too many wait. What becomes of it comes as a
 /// [`control::Reply`] to `from`.
 pub fn submit(from: Source, at: Option<u32>, command: Command) -> bool {
-    with_queue(false, |queue| queue.enqueue(Scheduled { from, at, command }))
+    with_queue(false, |queue| {
+        queue.enqueue(Scheduled { from, at, command })
+    })
 }
 
 /// Whether another command finds room.

@@ -13,7 +13,10 @@ use rtt_target::DownChannel;
 use crate::board::SAMPLE_RATE_HZ;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
-use crate::{command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks, update};
+use crate::{
+    command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock,
+    telemetry, trace_tasks, update,
+};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -90,10 +93,22 @@ fn say_outcome(reply: &Reply) {
                 highest_mv
             );
         }
-        Outcome::Refused(refusal) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, refusal_text(refusal)),
-        Outcome::CannotWait(reason) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, cannot_wait_text(reason)),
+        Outcome::Refused(refusal) => defmt::warn!(
+            "refused at tick {=u32}: {=str}",
+            reply.tick,
+            refusal_text(refusal)
+        ),
+        Outcome::CannotWait(reason) => defmt::warn!(
+            "refused at tick {=u32}: {=str}",
+            reply.tick,
+            cannot_wait_text(reason)
+        ),
         Outcome::Stopped(0) => defmt::info!("stopped at tick {=u32}", reply.tick),
-        Outcome::Stopped(forgotten) => defmt::info!("stopped at tick {=u32}, {=u32} waiting commands forgotten", reply.tick, forgotten),
+        Outcome::Stopped(forgotten) => defmt::info!(
+            "stopped at tick {=u32}, {=u32} waiting commands forgotten",
+            reply.tick,
+            forgotten
+        ),
     }
 }
 
@@ -102,10 +117,14 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::Faulted => "a fault is latched",
         Refusal::NotYetHealthy => "the sensor has not been healthy long enough",
         Refusal::NotAtRest => "only at rest",
-        Refusal::NoBlock => "no valid parameter block or no safety envelope: bring one, then `restart`",
+        Refusal::NoBlock => {
+            "no valid parameter block or no safety envelope: bring one, then `restart`"
+        }
         Refusal::NotArmed => "not armed since the start or the last fault: `arm`",
         Refusal::LoopOpen => "only with the loop closed",
-        Refusal::NotConditioned => "not conditioned since the start or the last fault: `condition`, or `conditioning waived`",
+        Refusal::NotConditioned => {
+            "not conditioned since the start or the last fault: `condition`, or `conditioning waived`"
+        }
         Refusal::BeyondLimits => "beyond the limits",
     }
 }
@@ -134,7 +153,13 @@ fn say_mode(flags: u32) {
 fn say_events() {
     for event in (0..).map_while(event_log::event) {
         let name = Fault::from_number(event.fault as u8).map_or("", Fault::name);
-        defmt::info!("fault in start {=u32} of {=u32} at tick {=u32}: {=str}", event.start, event_log::starts(), event.tick, name);
+        defmt::info!(
+            "fault in start {=u32} of {=u32} at tick {=u32}: {=str}",
+            event.start,
+            event_log::starts(),
+            event.tick,
+            name
+        );
     }
 }
 
@@ -154,12 +179,19 @@ static PROTECT: Signal<ThreadModeRawMutex, ()> = Signal::new();
 pub async fn protector() {
     loop {
         PROTECT.wait().await;
-        answer("option bytes written: take the supply off and on again", option_bytes::protect().await);
+        answer(
+            "option bytes written: take the supply off and on again",
+            option_bytes::protect().await,
+        );
     }
 }
 
 fn drive_rests() -> Result<(), &'static str> {
-    if control::drive_rests() { Ok(()) } else { Err("only at rest") }
+    if control::drive_rests() {
+        Ok(())
+    } else {
+        Err("only at rest")
+    }
 }
 
 fn submit(at: Option<u32>, command: Command) {
@@ -174,7 +206,9 @@ fn obey(line: &WaitingLine) {
         return;
     };
     match parse(text, SAMPLE_RATE_HZ) {
-        Ok(Line::Control(..) | Line::Identify(_)) if line.before_stop => defmt::info!("forgotten: {=str}", text),
+        Ok(Line::Control(..) | Line::Identify(_)) if line.before_stop => {
+            defmt::info!("forgotten: {=str}", text)
+        }
         Ok(Line::Control(at, command)) => submit(at, command),
         Ok(Line::Trace(channels, decimation)) => trace_tasks::choose(channels, decimation),
         Ok(Line::Identify(ticks)) => {
@@ -193,7 +227,11 @@ fn obey(line: &WaitingLine) {
                 control::saturated_values()
             );
             let (generation, fingerprint) = settings::in_use();
-            defmt::info!("block generation {=u32}, content {=u32:#010x}", generation, fingerprint);
+            defmt::info!(
+                "block generation {=u32}, content {=u32:#010x}",
+                generation,
+                fingerprint
+            );
             let (conditioned, required) = control::conditioning();
             defmt::info!(
                 "conditioned: {=bool}, required: {=bool}; host timeout {=u32} ticks",
@@ -201,7 +239,11 @@ fn obey(line: &WaitingLine) {
                 required,
                 control::host_timeout()
             );
-            defmt::info!("powered: {=bool}, armed: {=bool}", control::powered(), control::state().armed);
+            defmt::info!(
+                "powered: {=bool}, armed: {=bool}",
+                control::powered(),
+                control::state().armed
+            );
             say_events();
             telemetry::say_loop();
             option_bytes::say();
@@ -215,7 +257,9 @@ fn obey(line: &WaitingLine) {
             Ok(()) => PROTECT.signal(()),
             Err(reason) => defmt::warn!("refused: {=str}", reason),
         },
-        Ok(Line::Capture(trigger, before, after)) => answer("capture is armed", recorder::arm(trigger, before, after)),
+        Ok(Line::Capture(trigger, before, after)) => {
+            answer("capture is armed", recorder::arm(trigger, before, after))
+        }
         Ok(Line::CaptureSend) => answer("capture follows", trace_tasks::begin_read_out()),
         Ok(Line::CaptureOff) => {
             trace_tasks::forget_capture();
@@ -224,16 +268,25 @@ fn obey(line: &WaitingLine) {
         Ok(Line::BlockBegin(length)) => answer("block begins", settings::begin(length)),
         Ok(Line::BlockData(piece)) => {
             if let Err(reason) = settings::take(&piece) {
-                defmt::warn!("refused: block at byte {=usize}: {=str}", piece.offset(), reason);
+                defmt::warn!(
+                    "refused: block at byte {=usize}: {=str}",
+                    piece.offset(),
+                    reason
+                );
             }
         }
         Ok(Line::BlockCommit) => match drive_rests() {
             Ok(()) => settings::keep(),
             Err(reason) => defmt::warn!("refused: block: {=str}", reason),
         },
-        Ok(Line::BlockEnvelope(fingerprint)) => answer("safety envelope is being kept", settings::keep_envelope(fingerprint)),
+        Ok(Line::BlockEnvelope(fingerprint)) => answer(
+            "safety envelope is being kept",
+            settings::keep_envelope(fingerprint),
+        ),
         Ok(Line::BlockSwap) => settings::swap(),
-        Ok(Line::Restart) if settings::is_keeping() || update::is_busy() => defmt::warn!("refused: the flash is being written"),
+        Ok(Line::Restart) if settings::is_keeping() || update::is_busy() => {
+            defmt::warn!("refused: the flash is being written")
+        }
         Ok(Line::Restart) => match drive_rests() {
             Ok(()) => cortex_m::peripheral::SCB::sys_reset(),
             Err(reason) => defmt::warn!("refused: {=str}", reason),

@@ -118,7 +118,11 @@ pub struct Control {
 
 impl Control {
     fn answer(&mut self, from: Source, outcome: Outcome) {
-        let _ = self.replies.enqueue(Reply { from, tick: self.tick, outcome });
+        let _ = self.replies.enqueue(Reply {
+            from,
+            tick: self.tick,
+            outcome,
+        });
     }
 
     #[inline(never)]
@@ -155,7 +159,11 @@ impl Control {
         }
         let (lowest, highest) = self.envelope;
         let within = code.max(lowest).min(highest);
-        let taken = if renews { self.front_end.renew() } else { self.front_end.write(within) };
+        let taken = if renews {
+            self.front_end.renew()
+        } else {
+            self.front_end.write(within)
+        };
         if !taken {
             self.amplifier.refuse(Fault::DriveSilent);
         }
@@ -196,7 +204,10 @@ impl Control {
     #[inline(never)]
     #[unsafe(link_section = ".control_code")]
     fn act(&mut self, from: Source, command: Command) {
-        let outcome = self.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done);
+        let outcome = self
+            .amplifier
+            .command(command)
+            .map_or_else(Outcome::Refused, |()| Outcome::Done);
         self.recorder.command_acted();
         self.answer(from, outcome);
     }
@@ -221,7 +232,10 @@ struct Exchanged(UnsafeCell<Exchange>);
 // SAFETY: the interrupt's while `SWAP` is set, which the next tick ends, and otherwise that of the one task
 // that calls `offer`.
 unsafe impl Sync for Exchanged {}
-static EXCHANGE: Exchanged = Exchanged(UnsafeCell::new(Exchange { block: MaybeUninit::uninit(), outcome: Ok(()) }));
+static EXCHANGE: Exchanged = Exchanged(UnsafeCell::new(Exchange {
+    block: MaybeUninit::uninit(),
+    outcome: Ok(()),
+}));
 /// A swap is wanted at the next tick.
 static SWAP: AtomicBool = AtomicBool::new(false);
 
@@ -463,7 +477,10 @@ pub fn hand_over(control: Control) {
 
 #[inline(always)]
 fn count(counter: &AtomicU32) {
-    counter.store(counter.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
+    counter.store(
+        counter.load(Ordering::Relaxed).saturating_add(1),
+        Ordering::Relaxed,
+    );
 }
 
 #[inline(always)]
@@ -493,7 +510,9 @@ extern "C" fn TIM2() {
     // What the last tick prepared acts since the edge of this one.
     safety_lines::set_trigger(control.amplifier.marks());
     // Held up for so long that edges went by without a tick.
-    let skipped = control.last_cycles.is_some_and(|last| cycles_now.wrapping_sub(last) > control.late_cycles);
+    let skipped = control
+        .last_cycles
+        .is_some_and(|last| cycles_now.wrapping_sub(last) > control.late_cycles);
     control.last_cycles = Some(cycles_now);
     if skipped && !control.overrun {
         count(&OVERRUNS);
@@ -523,12 +542,15 @@ extern "C" fn TIM2() {
         let monitored = control.front_end.monitor();
         control.amplifier.inspect_output(monitored);
     }
-    control.amplifier.hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
+    control
+        .amplifier
+        .hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
     let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
     let stopped = sample.flags as u8 == Mode::Fault as u8;
-    let rests = control.amplifier.drive_rests() && (stopped || sample.flags as u8 == Mode::Rest as u8);
+    let rests =
+        control.amplifier.drive_rests() && (stopped || sample.flags as u8 == Mode::Rest as u8);
     control.drive(sample.dac_code, rests && sample.tick & RENEW_MASK == 0);
     safety_lines::set_enable(control.amplifier.powered());
 
@@ -562,12 +584,20 @@ extern "C" fn TIM2() {
         armed: amplifier.armed(),
         rests: amplifier.drive_rests(),
         saturated_values: amplifier.servo().counters().saturated_values,
-        adapted_gain: amplifier.servo().adaptation().map_or(0, GainAdaptation::gain),
+        adapted_gain: amplifier
+            .servo()
+            .adaptation()
+            .map_or(0, GainAdaptation::gain),
     });
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);
     let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);
-    RECENT_TICK_CYCLES.store(recent.wrapping_sub(recent >> RECENT_SHIFT).wrapping_add(cycles), Ordering::Relaxed);
+    RECENT_TICK_CYCLES.store(
+        recent
+            .wrapping_sub(recent >> RECENT_SHIFT)
+            .wrapping_add(cycles),
+        Ordering::Relaxed,
+    );
     // The next compare is already flagged: the tick took longer than a period.
     control.overrun = TIMER.sr().read().0 & COMPARE_4 != 0;
     if control.overrun {

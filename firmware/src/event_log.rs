@@ -40,7 +40,11 @@ struct Log {
 static mut LOG: MaybeUninit<Log> = MaybeUninit::uninit();
 
 fn check(log: &Log) -> u32 {
-    log.events.iter().fold(log.starts ^ log.written.rotate_left(16), |sum, event| sum.rotate_left(1) ^ event.sum())
+    log.events
+        .iter()
+        .fold(log.starts ^ log.written.rotate_left(16), |sum, event| {
+            sum.rotate_left(1) ^ event.sum()
+        })
 }
 
 /// Counts a start; begins anew where the memory holds no log.
@@ -51,7 +55,13 @@ pub fn begin() {
         let log = (&raw mut LOG).cast::<Log>();
         let mut kept = log.read_volatile();
         if kept.magic != MAGIC || kept.check != check(&kept) {
-            kept = Log { magic: MAGIC, starts: 0, written: 0, check: 0, events: [Event::default(); ROOM] };
+            kept = Log {
+                magic: MAGIC,
+                starts: 0,
+                written: 0,
+                check: 0,
+                events: [Event::default(); ROOM],
+            };
         }
         kept.starts = kept.starts.wrapping_add(1);
         kept.check = check(&kept);
@@ -72,7 +82,11 @@ pub fn write(tick: u32, fault: u8) {
             // What the check has of this place changes with it.
             let turns = (ROOM - 1 - at) as u32;
             log.check ^= place.sum().rotate_left(turns);
-            *place = Event { start: log.starts, tick, fault: fault.into() };
+            *place = Event {
+                start: log.starts,
+                tick,
+                fault: fault.into(),
+            };
             log.check ^= place.sum().rotate_left(turns);
         }
         let turns = ROOM as u32;
@@ -87,7 +101,10 @@ pub fn event(before_last: u32) -> Option<Event> {
     // SAFETY: as above; an event that is written meanwhile is one that the next question shows.
     let log = unsafe { (&raw const LOG).cast::<Log>().read_volatile() };
     let kept = log.written.min(ROOM as u32);
-    let nth = log.written.checked_sub(before_last.checked_add(1)?).filter(|_| before_last < kept)?;
+    let nth = log
+        .written
+        .checked_sub(before_last.checked_add(1)?)
+        .filter(|_| before_last < kept)?;
     log.events.get(nth as usize % ROOM).copied()
 }
 

@@ -43,7 +43,10 @@ const MOST_TRIAL_FEEDINGS: u32 = 1_000;
 
 /// Tells the fault handlers which code of so many bits is rest.
 pub fn remember_rest(code: DriveCode, bits: CodeBits) {
-    REST_CODE.store(code.steps() << Converters::BITS.dac.saturating_sub(bits.dac), Ordering::Relaxed);
+    REST_CODE.store(
+        code.steps() << Converters::BITS.dac.saturating_sub(bits.dac),
+        Ordering::Relaxed,
+    );
 }
 
 /// Why the part restarted, if that was a fault; clears the flags.
@@ -113,7 +116,11 @@ pub fn stop(fault: Fault) -> ! {
         Converters::new(Converters::BITS, Wiring::default()).force(DriveCode::new(rest));
     }
     // SAFETY: interrupts are off; nobody else runs any more.
-    unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };
+    unsafe {
+        (&raw mut RESTART_MARK)
+            .cast::<u32>()
+            .write_volatile(MARK | fault as u32)
+    };
     cortex_m::asm::dsb();
     // A converter that took no code at once has two edges of the sample clock to take it.
     cortex_m::asm::delay(40_000);

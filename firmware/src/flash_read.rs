@@ -31,7 +31,10 @@ pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
     for (nth, piece) in (0u32..).zip(into.chunks_mut(WORD_BYTES)) {
         let from = address + nth * WORD_BYTES as u32;
         let word = word_at(from).ok_or(Unreadable(from))?;
-        for (to, byte) in piece.iter_mut().zip(word.iter().flat_map(|four| four.to_le_bytes())) {
+        for (to, byte) in piece
+            .iter_mut()
+            .zip(word.iter().flat_map(|four| four.to_le_bytes()))
+        {
             *to = byte;
         }
     }
@@ -61,5 +64,9 @@ fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
         bus_error != 0
     };
     let damaged = Board::end_reading();
-    if bus_error || damaged { None } else { Some(word) }
+    if bus_error || damaged {
+        None
+    } else {
+        Some(word)
+    }
 }

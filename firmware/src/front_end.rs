@@ -22,7 +22,10 @@ impl CodeBits {
     /// Those of a block.
     #[allow(dead_code)] // the board check has no block
     pub const fn of(converters: &ConverterParameters) -> Self {
-        Self { adc: converters.adc_bits, dac: converters.dac_bits }
+        Self {
+            adc: converters.adc_bits,
+            dac: converters.dac_bits,
+        }
     }
 }
 

@@ -26,7 +26,15 @@ pub fn free_bytes() -> u32 {
     // hence volatile.
     let (size, write, read) = unsafe {
         let head = addr_of!(CONTROL_BLOCK);
-        (addr_of!((*head).size).read_volatile(), addr_of!((*head).write).read_volatile(), addr_of!((*head).read).read_volatile())
+        (
+            addr_of!((*head).size).read_volatile(),
+            addr_of!((*head).write).read_volatile(),
+            addr_of!((*head).read).read_volatile(),
+        )
     };
-    if write >= read { size - 1 - (write - read) } else { read - write - 1 }
+    if write >= read {
+        size - 1 - (write - read)
+    } else {
+        read - write - 1
+    }
 }

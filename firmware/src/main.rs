@@ -84,7 +84,8 @@ async fn main(spawner: Spawner) {
         (Some(_), Ok(_)) => None,
     };
     let rest = envelope.map_or(DriveCode::new(0), |envelope| envelope.safe_code);
-    let parameters = block.unwrap_or_else(|_| settings::safe_parameters(SAMPLE_RATE_HZ, rest, Converters::BITS));
+    let parameters =
+        block.unwrap_or_else(|_| settings::safe_parameters(SAMPLE_RATE_HZ, rest, Converters::BITS));
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
     defmt::info!(
@@ -101,7 +102,8 @@ async fn main(spawner: Spawner) {
     option_bytes::say();
     safety_lines::start();
     let bits = CodeBits::of(c);
-    let mut front_end = Converters::new(bits, envelope.as_ref().map(Wiring::of).unwrap_or_default());
+    let mut front_end =
+        Converters::new(bits, envelope.as_ref().map(Wiring::of).unwrap_or_default());
     // Until somebody has said which code is rest the drive's converter stays as it left its reset.
     let drives = refused.is_none();
     front_end.start(drives.then_some(parameters.guard.rest_code));
@@ -115,8 +117,15 @@ async fn main(spawner: Spawner) {
     hand_over(
         parameters,
         refused,
-        Ends { front_end, samples: sample_producer, commands: command_consumer, replies: reply_producer },
-        envelope.map_or((DriveCode::new(0), DriveCode::MOST), |envelope| envelope.limits_of(bits.dac)),
+        Ends {
+            front_end,
+            samples: sample_producer,
+            commands: command_consumer,
+            replies: reply_producer,
+        },
+        envelope.map_or((DriveCode::new(0), DriveCode::MOST), |envelope| {
+            envelope.limits_of(bits.dac)
+        }),
         clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
         rolled_back,
     );
@@ -175,7 +184,12 @@ fn hand_over(
         defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
         amplifier.refuse(Fault::Overrun);
     }
-    let Ends { front_end, samples, commands, replies } = ends;
+    let Ends {
+        front_end,
+        samples,
+        commands,
+        replies,
+    } = ends;
     control::hand_over(Control {
         front_end,
         amplifier,

@@ -15,13 +15,24 @@ pub fn protection() -> u32 {
 pub fn say() {
     match protection() {
         3 => defmt::info!("option bytes: brown-out level and watchdog protect"),
-        2 => defmt::warn!("option bytes: the brown-out level is below {=str}; `protect` at rest sets it", Board::BROWN_OUT_LEVEL),
-        1 => defmt::warn!("option bytes: the watchdog waits for the program; `protect` at rest lets it start with the supply"),
-        _ => defmt::warn!("option bytes: no brown-out level, and the watchdog waits for the program; `protect` at rest sets both"),
+        2 => defmt::warn!(
+            "option bytes: the brown-out level is below {=str}; `protect` at rest sets it",
+            Board::BROWN_OUT_LEVEL
+        ),
+        1 => defmt::warn!(
+            "option bytes: the watchdog waits for the program; `protect` at rest lets it start with the supply"
+        ),
+        _ => defmt::warn!(
+            "option bytes: no brown-out level, and the watchdog waits for the program; `protect` at rest sets both"
+        ),
     }
 }
 
 /// Writes them, everything else as it is.
 pub async fn protect() -> Result<(), &'static str> {
-    if protection() == 3 { Ok(()) } else { Board::write_protection().await }
+    if protection() == 3 {
+        Ok(())
+    } else {
+        Board::write_protection().await
+    }
 }

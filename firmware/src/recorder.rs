@@ -37,7 +37,9 @@ struct Memory(UnsafeCell<[MaybeUninit<PackedSample>; ROOM as usize]>);
 // SAFETY: touched by the interrupt while `STATE` is armed and by the one task that reads it out otherwise.
 unsafe impl Sync for Memory {}
 #[unsafe(link_section = ".bulk.capture")]
-static MEMORY: Memory = Memory(UnsafeCell::new([const { MaybeUninit::uninit() }; ROOM as usize]));
+static MEMORY: Memory = Memory(UnsafeCell::new(
+    [const { MaybeUninit::uninit() }; ROOM as usize],
+));
 
 static STATE: AtomicU8 = AtomicU8::new(State::Empty as u8);
 static TRIGGER: AtomicU8 = AtomicU8::new(0);
@@ -92,7 +94,10 @@ fn arm_every(every_ticks: u32, trigger: Trigger, before: u32, after: u32) {
 fn arm_every_on(every_ticks: u32, trigger: u8, before: u32, after: u32) {
     EVERY.store(every_ticks.max(1), Ordering::Relaxed);
     WRITTEN.store(0, Ordering::Relaxed);
-    CAPTURE.store(CAPTURE.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+    CAPTURE.store(
+        CAPTURE.load(Ordering::Relaxed).wrapping_add(1),
+        Ordering::Relaxed,
+    );
     TRIGGER.store(trigger, Ordering::Relaxed);
     BEFORE.store(before, Ordering::Relaxed);
     AFTER.store(after, Ordering::Relaxed);
@@ -128,10 +133,16 @@ pub fn sample(nth: u32) -> Option<TraceSample> {
     if state() != State::Full || nth >= kept {
         return None;
     }
-    let at = WRITTEN.load(Ordering::Relaxed).wrapping_sub(kept).wrapping_add(nth) % ROOM;
+    let at = WRITTEN
+        .load(Ordering::Relaxed)
+        .wrapping_sub(kept)
+        .wrapping_add(nth)
+        % ROOM;
     // SAFETY: the memory is the task's while the state is full, and the last `kept` samples were written.
     let slots = unsafe { &*MEMORY.0.get() };
-    slots.get(at as usize).map(|slot| unsafe { slot.assume_init() }.unpacked())
+    slots
+        .get(at as usize)
+        .map(|slot| unsafe { slot.assume_init() }.unpacked())
 }
 
 /// The interrupt's part.
@@ -151,7 +162,15 @@ pub struct Recorder {
 impl Recorder {
     /// Nothing is armed.
     pub const fn new() -> Self {
-        Self { capture: 0, written: 0, skip: 0, remaining: None, mode: 0, command_acts: false, begun: false }
+        Self {
+            capture: 0,
+            written: 0,
+            skip: 0,
+            remaining: None,
+            mode: 0,
+            command_acts: false,
+            begun: false,
+        }
     }
 
     /// A command acts in the tick whose sample comes next.
@@ -170,7 +189,11 @@ impl Recorder {
         }
         let capture = CAPTURE.load(Ordering::Relaxed);
         if self.capture != capture {
-            *self = Self { capture, mode, ..Self::new() };
+            *self = Self {
+                capture,
+                mode,
+                ..Self::new()
+            };
         }
         if TRIGGER.load(Ordering::Relaxed) == ON_COMMAND && !self.begun {
             self.begun = command_acts;
@@ -194,7 +217,8 @@ impl Recorder {
             None => {
                 let trigger = TRIGGER.load(Ordering::Relaxed);
                 let happened = trigger == ON_COMMAND
-                    || (trigger == Trigger::Now as u8 && self.written > BEFORE.load(Ordering::Relaxed))
+                    || (trigger == Trigger::Now as u8
+                        && self.written > BEFORE.load(Ordering::Relaxed))
                     || (trigger == Trigger::Fault as u8 && changed_to(Mode::Fault))
                     || (trigger == Trigger::Closed as u8 && changed_to(Mode::Closed));
                 if !happened {
@@ -205,7 +229,10 @@ impl Recorder {
         };
         self.remaining = Some(remaining);
         if remaining == 0 {
-            let wanted = BEFORE.load(Ordering::Relaxed).wrapping_add(AFTER.load(Ordering::Relaxed)).wrapping_add(1);
+            let wanted = BEFORE
+                .load(Ordering::Relaxed)
+                .wrapping_add(AFTER.load(Ordering::Relaxed))
+                .wrapping_add(1);
             KEPT.store(wanted.min(self.written), Ordering::Relaxed);
             STATE.store(State::Full as u8, Ordering::Release);
         }

@@ -26,7 +26,11 @@ impl<T: Copy, const N: usize> Ring<T, N> {
     /// Empty.
     pub const fn new() -> Self {
         let () = Self::POWER_OF_TWO;
-        Self { slots: [const { UnsafeCell::new(MaybeUninit::uninit()) }; N], written: AtomicUsize::new(0), read: AtomicUsize::new(0) }
+        Self {
+            slots: [const { UnsafeCell::new(MaybeUninit::uninit()) }; N],
+            written: AtomicUsize::new(0),
+            read: AtomicUsize::new(0),
+        }
     }
 
     /// Its two ends.
@@ -44,7 +48,10 @@ impl<T: Copy, const N: usize> Producer<T, N> {
     /// Puts an element in; `false` if there is no room.
     #[inline(always)]
     pub fn enqueue(&mut self, element: T) -> bool {
-        let (written, read) = (self.0.written.load(Ordering::Relaxed), self.0.read.load(Ordering::Acquire));
+        let (written, read) = (
+            self.0.written.load(Ordering::Relaxed),
+            self.0.read.load(Ordering::Acquire),
+        );
         if written.wrapping_sub(read) >= N {
             return false;
         }
@@ -53,7 +60,9 @@ impl<T: Copy, const N: usize> Producer<T, N> {
             // SAFETY: the consumer does not look at this slot before `written` has passed it.
             unsafe { (*slot.get()).write(element) };
         }
-        self.0.written.store(written.wrapping_add(1), Ordering::Release);
+        self.0
+            .written
+            .store(written.wrapping_add(1), Ordering::Release);
         true
     }
 
@@ -64,7 +73,9 @@ impl<T: Copy, const N: usize> Producer<T, N> {
 
     /// Whether there is room for another element.
     pub fn has_room(&self) -> bool {
-        self.position().wrapping_sub(self.0.read.load(Ordering::Relaxed)) < N
+        self.position()
+            .wrapping_sub(self.0.read.load(Ordering::Relaxed))
+            < N
     }
 }
 
@@ -72,7 +83,10 @@ impl<T: Copy, const N: usize> Consumer<T, N> {
     /// Takes the oldest element.
     #[inline(always)]
     pub fn dequeue(&mut self) -> Option<T> {
-        let (written, read) = (self.0.written.load(Ordering::Acquire), self.0.read.load(Ordering::Relaxed));
+        let (written, read) = (
+            self.0.written.load(Ordering::Acquire),
+            self.0.read.load(Ordering::Relaxed),
+        );
         if written == read {
             return None;
         }

@@ -28,13 +28,22 @@ const AMPLIFIER_READY: u32 = 1 << LINES.amplifier_ready;
 pub fn start() {
     Board::clock_lines();
     for pin in [LINES.emergency_stop, LINES.interlock, LINES.amplifier_ready] {
-        LINES.port.pupdr().modify(|w| w.set_pupdr(pin, Pupdr::PULL_UP));
-        LINES.port.moder().modify(|w| w.set_moder(pin, Moder::INPUT));
+        LINES
+            .port
+            .pupdr()
+            .modify(|w| w.set_pupdr(pin, Pupdr::PULL_UP));
+        LINES
+            .port
+            .moder()
+            .modify(|w| w.set_moder(pin, Moder::INPUT));
     }
     set_enable(false);
     set_trigger(false);
     for pin in [LINES.enable, LINES.trigger] {
-        LINES.port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
+        LINES
+            .port
+            .moder()
+            .modify(|w| w.set_moder(pin, Moder::OUTPUT));
     }
 }
 
@@ -53,12 +62,24 @@ pub fn fault() -> Option<Fault> {
 /// Lets the amplifier's power stage work, or not.
 #[inline(always)]
 pub fn set_enable(enable: bool) {
-    LINES.port.bsrr().write(|w| w.0 = if enable { 1 << LINES.enable } else { 1 << (LINES.enable + 16) });
+    LINES.port.bsrr().write(|w| {
+        w.0 = if enable {
+            1 << LINES.enable
+        } else {
+            1 << (LINES.enable + 16)
+        }
+    });
 }
 
 /// The trigger output. No line of safety: it shares their port, and tells other instruments when the marked
 /// point of a wave begins to act.
 #[inline(always)]
 pub fn set_trigger(high: bool) {
-    LINES.port.bsrr().write(|w| w.0 = if high { 1 << LINES.trigger } else { 1 << (LINES.trigger + 16) });
+    LINES.port.bsrr().write(|w| {
+        w.0 = if high {
+            1 << LINES.trigger
+        } else {
+            1 << (LINES.trigger + 16)
+        }
+    });
 }

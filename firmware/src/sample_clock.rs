@@ -32,8 +32,10 @@ pub fn start(timer_clock_hz: u32, interrupt_after_ns: u32) {
     TIM2.ccr(0).write_value(counts(CONVERSION_PULSE_NS));
     TIM2.ccr(2).write_value(counts(LATCH_PULSE_NS));
     TIM2.ccr(3).write_value(counts(interrupt_after_ns));
-    TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, PWM_MODE_1.into()));
-    TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, PWM_MODE_2.into()));
+    TIM2.ccmr_output(0)
+        .modify(|w| w.set_ocm(0, PWM_MODE_1.into()));
+    TIM2.ccmr_output(1)
+        .modify(|w| w.set_ocm(0, PWM_MODE_2.into()));
     TIM2.ccer().modify(|w| {
         w.set_cce(0, true);
         w.set_cce(2, true);

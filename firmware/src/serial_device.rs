@@ -10,7 +10,9 @@ use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, UpdateRefusal, UpdateState, View};
+use hysteron_protocol::device::{
+    Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, UpdateRefusal, UpdateState, View,
+};
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
@@ -85,7 +87,11 @@ impl Device for Target {
     }
 
     fn keep_block(&mut self) -> Result<(), Moving> {
-        if control::drive_rests() { Ok(settings::keep()) } else { Err(Moving) }
+        if control::drive_rests() {
+            Ok(settings::keep())
+        } else {
+            Err(Moving)
+        }
     }
 
     fn keep_envelope(&mut self, fingerprint: u32) -> Result<(), Moving> {
@@ -98,7 +104,11 @@ impl Device for Target {
 
     fn event(&self, before_last: u32) -> Option<DeviceEvent> {
         let event = event_log::event(before_last)?;
-        Some(DeviceEvent { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
+        Some(DeviceEvent {
+            start: event.start,
+            tick: event.tick,
+            fault: Fault::from_number(event.fault as u8)?,
+        })
     }
 
     fn swap_block(&mut self) {
@@ -110,7 +120,11 @@ impl Device for Target {
     }
 
     fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving> {
-        if control::drive_rests() && !settings::is_keeping() { Ok(settings::keep_settings(settings)) } else { Err(Moving) }
+        if control::drive_rests() && !settings::is_keeping() {
+            Ok(settings::keep_settings(settings))
+        } else {
+            Err(Moving)
+        }
     }
 
     fn brought(&self) -> Brought {
@@ -119,7 +133,11 @@ impl Device for Target {
 
     fn restart(&mut self) -> Result<(), Moving> {
         let is_writing = settings::is_keeping() || update::is_busy();
-        if control::drive_rests() && !is_writing { Ok(serial_port::restart()) } else { Err(Moving) }
+        if control::drive_rests() && !is_writing {
+            Ok(serial_port::restart())
+        } else {
+            Err(Moving)
+        }
     }
 
     fn image(&self) -> Option<ImageHeader> {

@@ -38,7 +38,8 @@ const BUFFER_BYTES: usize = 256;
 /// full queue.
 const MOST_PERIODS: u32 = 100;
 
-static LINES: ThreadModeMutex<RefCell<Lines>> = ThreadModeMutex::new(RefCell::new(Lines::of(DIALECT)));
+static LINES: ThreadModeMutex<RefCell<Lines>> =
+    ThreadModeMutex::new(RefCell::new(Lines::of(DIALECT)));
 static LINE_CAME: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static TOO_LONG: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static NO_ROOM: Signal<ThreadModeRawMutex, ()> = Signal::new();

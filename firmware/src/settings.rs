@@ -26,7 +26,9 @@ use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
+use hysteron_core::parameter_block::{
+    AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation,
+};
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_core::signal_filter::{FilteredSignal, Place};
 use hysteron_protocol::device::Brought;
@@ -41,7 +43,10 @@ const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
 /// Bytes of a block with its header and checksum, at most: what a sector has before the mark of a replaced
 /// one.
 const KEPT_BYTES: usize = {
-    let (block, sector) = (BLOCK_BYTES + 64, (Board::SECTOR_BYTES - MARK_BYTES) as usize);
+    let (block, sector) = (
+        BLOCK_BYTES + 64,
+        (Board::SECTOR_BYTES - MARK_BYTES) as usize,
+    );
     if block < sector { block } else { sector }
 };
 /// Bytes of the mark at the end of a sector: ones as erased, or zeros.
@@ -57,7 +62,8 @@ static SWAPPED: AtomicU32 = AtomicU32::new(0);
 /// The highest generation of both places.
 static NEWEST: AtomicU16 = AtomicU16::new(0);
 /// The envelope in force.
-static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> = ThreadModeMutex::new(Cell::new(None));
+static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> =
+    ThreadModeMutex::new(Cell::new(None));
 /// What the operator kept, as it was at the start.
 static KEPT: ThreadModeMutex<Cell<Option<KeptSettings>>> = ThreadModeMutex::new(Cell::new(None));
 /// What has become of the block that was brought last.
@@ -69,7 +75,10 @@ pub fn in_use() -> (u32, u32) {
     if swapped != 0 {
         return (0, swapped);
     }
-    (u32::from(GENERATION.load(Ordering::Relaxed)), FINGERPRINT.load(Ordering::Relaxed))
+    (
+        u32::from(GENERATION.load(Ordering::Relaxed)),
+        FINGERPRINT.load(Ordering::Relaxed),
+    )
 }
 
 /// What has become of the block that was brought last.
@@ -95,7 +104,9 @@ fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, Blo
         return Err(BlockError::Mismatch);
     }
     let envelope = envelope().ok_or(BlockError::NoEnvelope)?;
-    envelope.admits(&parameters).map_err(BlockError::BeyondEnvelope)?;
+    envelope
+        .admits(&parameters)
+        .map_err(BlockError::BeyondEnvelope)?;
     Ok(parameters)
 }
 
@@ -109,8 +120,12 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
     if envelope.dac_bits != Converters::BITS.dac {
         return Err("made for a drive's converter of other bits");
     }
-    if (envelope.drive_reads_back && !Converters::READS_BACK) || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR) {
-        return Err("the drive's converter is to be read back or the output watched, and this board cannot");
+    if (envelope.drive_reads_back && !Converters::READS_BACK)
+        || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR)
+    {
+        return Err(
+            "the drive's converter is to be read back or the output watched, and this board cannot",
+        );
     }
     Ok(())
 }
@@ -118,10 +133,15 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
 /// Looks for the envelope.
 pub fn load_envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
-    let found =
-        flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable).and_then(|()| safety_envelope::read(&bytes));
+    let found = flash_read::copy(Board::ENVELOPE, &mut bytes)
+        .map_err(|_| BlockError::Unreadable)
+        .and_then(|()| safety_envelope::read(&bytes));
     // For the codes of another converter it says nothing.
-    let found = found.and_then(|envelope| fits_converters(&envelope).map(|()| envelope).map_err(BlockError::Range));
+    let found = found.and_then(|envelope| {
+        fits_converters(&envelope)
+            .map(|()| envelope)
+            .map_err(BlockError::Range)
+    });
     match found {
         Ok(envelope) => {
             let millivolts = |code| (envelope.drive_uv(code) / 1000) as i32;
@@ -136,7 +156,10 @@ pub fn load_envelope() -> Option<SafetyEnvelope> {
             Some(envelope)
         }
         Err(error) => {
-            defmt::error!("no safety envelope ({=str}): nothing is driven", error.reason());
+            defmt::error!(
+                "no safety envelope ({=str}): nothing is driven",
+                error.reason()
+            );
             None
         }
     }
@@ -145,7 +168,8 @@ pub fn load_envelope() -> Option<SafetyEnvelope> {
 /// Looks for what the operator kept.
 pub fn load_kept(sample_rate_hz: u32) {
     let mut bytes = [0; SETTINGS_BYTES];
-    let found = flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable);
+    let found =
+        flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable);
     match found.and_then(|()| kept_settings::read(&bytes, sample_rate_hz)) {
         Ok(settings) => KEPT.lock(|place| place.set(Some(settings))),
         Err(BlockError::Absent) => {}
@@ -161,8 +185,13 @@ pub fn kept_settings() -> Option<KeptSettings> {
 /// Gives an amplifier the filters that were kept for its stage.
 pub fn filter(amplifier: &mut Amplifier, sample_rate_hz: u32) {
     let stage = amplifier.parameters().physical.name;
-    let Some(kept) = kept_settings().filter(|kept| kept.stage == stage) else { return };
-    for (signal, filter) in [FilteredSignal::SetPoint, FilteredSignal::Sensor].into_iter().zip(kept.filters) {
+    let Some(kept) = kept_settings().filter(|kept| kept.stage == stage) else {
+        return;
+    };
+    for (signal, filter) in [FilteredSignal::SetPoint, FilteredSignal::Sensor]
+        .into_iter()
+        .zip(kept.filters)
+    {
         for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
             if let Ok(row) = filter.row(place, sample_rate_hz) {
                 amplifier.set_filter(signal, place, &row);
@@ -182,9 +211,14 @@ async fn commit_settings(settings: &KeptSettings, sample_rate_hz: u32) -> Result
     let mut bytes = [0xFF; SETTINGS_BYTES];
     kept_settings::write(settings, &mut bytes).map_err(BlockError::reason)?;
     Board::write_sector(Board::KEPT_SETTINGS, &bytes).await?;
-    flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable.reason())?;
+    flash_read::copy(Board::KEPT_SETTINGS, &mut bytes)
+        .map_err(|_| BlockError::Unreadable.reason())?;
     let same = kept_settings::read(&bytes, sample_rate_hz).is_ok_and(|read| read == *settings);
-    if same { Ok(()) } else { Err("what was written does not read back") }
+    if same {
+        Ok(())
+    } else {
+        Err("what was written does not read back")
+    }
 }
 
 /// Whether the block at an address is marked as replaced.
@@ -201,16 +235,30 @@ fn found(nth: usize, sample_rate_hz: u32) -> Result<(Kept, u16), BlockError> {
     let bytes = kept(address)?;
     let generation = generation(&bytes);
     if let Err(error) = fitting(&bytes, sample_rate_hz) {
-        defmt::warn!("parameter block {=str} refused: {=str}", name, error.reason());
+        defmt::warn!(
+            "parameter block {=str} refused: {=str}",
+            name,
+            error.reason()
+        );
         return Err(error);
     }
-    Ok((Kept { fingerprint: fingerprint(&bytes).unwrap_or(0), replaced: is_replaced(address) }, generation))
+    Ok((
+        Kept {
+            fingerprint: fingerprint(&bytes).unwrap_or(0),
+            replaced: is_replaced(address),
+        },
+        generation,
+    ))
 }
 
 /// The block in force.
 pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let places = [found(0, sample_rate_hz), found(1, sample_rate_hz)];
-    let newest = places.iter().filter_map(|place| place.ok()).map(|(_, generation)| generation).max();
+    let newest = places
+        .iter()
+        .filter_map(|place| place.ok())
+        .map(|(_, generation)| generation)
+        .max();
     NEWEST.store(newest.unwrap_or(0), Ordering::Relaxed);
     let [first, second] = places.map(|place| place.ok().map(|(kept, _)| kept));
     let nth = match block_choice::choose(first, second) {
@@ -232,7 +280,10 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
 }
 
 /// A block on its way. [`keeper`] has it while it is being kept.
-static UPLOAD: Mutex<ThreadModeRawMutex, Upload> = Mutex::new(Upload { bytes: heapless::Vec::new(), length: 0 });
+static UPLOAD: Mutex<ThreadModeRawMutex, Upload> = Mutex::new(Upload {
+    bytes: heapless::Vec::new(),
+    length: 0,
+});
 static WANTED: Signal<ThreadModeRawMutex, Wanted> = Signal::new();
 const BUSY: &str = "a block is being kept";
 
@@ -265,16 +316,25 @@ pub fn begin(length: u32) -> Result<(), &'static str> {
     BROUGHT.lock(|brought| brought.set(Brought::Nothing));
     upload.bytes.clear();
     upload.length = length as usize;
-    if upload.length > KEPT_BYTES { Err("larger than any block") } else { Ok(()) }
+    if upload.length > KEPT_BYTES {
+        Err("larger than any block")
+    } else {
+        Ok(())
+    }
 }
 
 /// Takes the next piece.
 pub fn take(piece: &BlockPiece) -> Result<(), &'static str> {
     let mut upload = UPLOAD.try_lock().map_err(|_| BUSY)?;
-    if piece.offset() != upload.bytes.len() || upload.bytes.len() + piece.bytes().len() > upload.length {
+    if piece.offset() != upload.bytes.len()
+        || upload.bytes.len() + piece.bytes().len() > upload.length
+    {
         return Err("a piece is missing or too much");
     }
-    upload.bytes.extend_from_slice(piece.bytes()).map_err(|_| "larger than any block")
+    upload
+        .bytes
+        .extend_from_slice(piece.bytes())
+        .map_err(|_| "larger than any block")
 }
 
 /// Lets [`keeper`] verify what came and keep it.
@@ -314,10 +374,12 @@ pub async fn keeper(sample_rate_hz: u32) {
                 defmt::info!("safety envelope kept: `restart` takes it");
                 Brought::Kept
             }),
-            Wanted::Settings(settings) => commit_settings(&settings, sample_rate_hz).await.map(|()| {
-                defmt::info!("settings kept");
-                Brought::Kept
-            }),
+            Wanted::Settings(settings) => {
+                commit_settings(&settings, sample_rate_hz).await.map(|()| {
+                    defmt::info!("settings kept");
+                    Brought::Kept
+                })
+            }
             Wanted::Swap => upload.swap(sample_rate_hz).await.map(|()| {
                 defmt::info!("block swapped in; the flash keeps the old one");
                 Brought::Swapped
@@ -356,9 +418,18 @@ impl Upload {
         let parameters = self.verified(sample_rate_hz)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
         let newest = NEWEST.load(Ordering::Relaxed);
-        let ((name, address), (_, other)) = if in_use == 0 { (BLOCKS[1], BLOCKS[0]) } else { (BLOCKS[0], BLOCKS[1]) };
-        set_generation(&mut self.bytes, newest.checked_add(1).ok_or("the generations are used up: erase both blocks")?)
-            .map_err(BlockError::reason)?;
+        let ((name, address), (_, other)) = if in_use == 0 {
+            (BLOCKS[1], BLOCKS[0])
+        } else {
+            (BLOCKS[0], BLOCKS[1])
+        };
+        set_generation(
+            &mut self.bytes,
+            newest
+                .checked_add(1)
+                .ok_or("the generations are used up: erase both blocks")?,
+        )
+        .map_err(BlockError::reason)?;
         Board::write_sector(address, &self.bytes).await?;
         if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) != Ok(parameters) {
             return Err("what was written does not read back");
@@ -383,17 +454,28 @@ impl Upload {
         fits_converters(&envelope)?;
         Board::write_sector(Board::ENVELOPE, &self.bytes).await?;
         let mut bytes = [0; ENVELOPE_BYTES];
-        flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable.reason())?;
-        if safety_envelope::read(&bytes) == Ok(envelope) { Ok(()) } else { Err("what was written does not read back") }
+        flash_read::copy(Board::ENVELOPE, &mut bytes)
+            .map_err(|_| BlockError::Unreadable.reason())?;
+        if safety_envelope::read(&bytes) == Ok(envelope) {
+            Ok(())
+        } else {
+            Err("what was written does not read back")
+        }
     }
 }
 
 /// What runs without a valid block: nothing but rest, at this drive code of so many bits.
-pub fn safe_parameters(sample_rate_hz: u32, rest: DriveCode, bits: CodeBits) -> AmplifierParameters {
+pub fn safe_parameters(
+    sample_rate_hz: u32,
+    rest: DriveCode,
+    bits: CodeBits,
+) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
     use hysteron_core::parameter_block::PhysicalDescription;
     use hysteron_core::sensor_lag::SensorLag;
-    use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+    use hysteron_core::servo_parameters::{
+        ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
+    };
     AmplifierParameters {
         physical: PhysicalDescription {
             name: [0; 16],

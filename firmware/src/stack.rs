@@ -33,7 +33,8 @@ pub fn guard(mpu: &mut MPU) {
     unsafe {
         mpu.rnr.write(REGION);
         mpu.rbar.write(guard_begin());
-        mpu.rasr.write(READ_ONLY | (GUARD_BYTES.trailing_zeros() - 1) << 1 | 1);
+        mpu.rasr
+            .write(READ_ONLY | (GUARD_BYTES.trailing_zeros() - 1) << 1 | 1);
         mpu.ctrl.write(BACKGROUND | 1);
     }
     cortex_m::asm::dsb();
@@ -64,6 +65,9 @@ pub fn high_water_bytes() -> (u32, u32) {
         while word < top && word.read_volatile() == PAINT {
             word = word.add(1);
         }
-        ((top as usize - word as usize) as u32, (top as usize - bottom as usize) as u32)
+        (
+            (top as usize - word as usize) as u32,
+            (top as usize - bottom as usize) as u32,
+        )
     }
 }

@@ -18,5 +18,8 @@ pub async fn next() {
 /// Waits for so many instants.
 pub async fn periods(count: u64) {
     let passed = (Instant::now().as_micros() + PERIOD_US / 2) / PERIOD_US;
-    Timer::at(Instant::from_micros((passed + count - 1) * PERIOD_US + PERIOD_US / 2)).await;
+    Timer::at(Instant::from_micros(
+        (passed + count - 1) * PERIOD_US + PERIOD_US / 2,
+    ))
+    .await;
 }

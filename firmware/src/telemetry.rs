@@ -41,7 +41,8 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     limited_ticks: 0,
 }));
 
-static LOOP: ThreadModeMutex<RefCell<LoopTelemetry>> = ThreadModeMutex::new(RefCell::new(LoopTelemetry::new(SAMPLE_RATE_HZ)));
+static LOOP: ThreadModeMutex<RefCell<LoopTelemetry>> =
+    ThreadModeMutex::new(RefCell::new(LoopTelemetry::new(SAMPLE_RATE_HZ)));
 
 fn change(change: impl FnOnce(&mut Telemetry)) {
     TELEMETRY.lock(|place| {
@@ -64,9 +65,13 @@ pub fn begin(parameters: &AmplifierParameters) {
 pub fn limits() -> ((i32, i32), (i32, i32)) {
     let telemetry = TELEMETRY.lock(Cell::get);
     let positions = match (telemetry.converters, telemetry.guard) {
-        (Some(converters), Some(guard)) => {
-            command_limits::positions(&ConverterParameters { adc_zero: control::zero(), ..converters }, &guard)
-        }
+        (Some(converters), Some(guard)) => command_limits::positions(
+            &ConverterParameters {
+                adc_zero: control::zero(),
+                ..converters
+            },
+            &guard,
+        ),
         _ => (Micrometres::ZERO, Micrometres::ZERO),
     };
     (thousandths(positions), thousandths(telemetry.drive_limits))
@@ -74,7 +79,10 @@ pub fn limits() -> ((i32, i32), (i32, i32)) {
 
 /// Thousandths of limits, to the nearest: nm or mV.
 fn thousandths<Q: Quantity>((lowest, highest): (Q, Q)) -> (i32, i32) {
-    let nearest = |value: Q| ((i64::from(value.bits()) * 1000 + (1 << (Q::FRACTION_BITS - 1))) >> Q::FRACTION_BITS) as i32;
+    let nearest = |value: Q| {
+        ((i64::from(value.bits()) * 1000 + (1 << (Q::FRACTION_BITS - 1))) >> Q::FRACTION_BITS)
+            as i32
+    };
     (nearest(lowest), nearest(highest))
 }
 
@@ -93,18 +101,31 @@ pub fn set_tolerance(tolerance: i32) {
 /// Looks at the next sample.
 pub fn observe(sample: &TraceSample) {
     change(|telemetry| {
-        let (Some(converters), Some(guard)) = (telemetry.converters, telemetry.guard) else { return };
+        let (Some(converters), Some(guard)) = (telemetry.converters, telemetry.guard) else {
+            return;
+        };
         if sample.adc_code <= guard.adc_code_min || sample.adc_code >= guard.adc_code_max {
             telemetry.railed_ticks = telemetry.railed_ticks.saturating_add(1);
         }
-        let limited = sample.dac_code <= converters.dac_code_min || sample.dac_code >= converters.dac_code_max;
+        let limited = sample.dac_code <= converters.dac_code_min
+            || sample.dac_code >= converters.dac_code_max;
         if limited && sample.flags as u8 == Mode::Closed as u8 {
             telemetry.limited_ticks = telemetry.limited_ticks.saturating_add(1);
         }
-        let converters = ConverterParameters { adc_zero: control::zero(), ..converters };
-        let error = sample.reference.saturating_sub(converters.position(sample.adc_code));
-        let small = sample.flags as u8 == Mode::Closed as u8 && error.saturating_abs() <= telemetry.tolerance;
-        telemetry.on_target_ticks = if small { telemetry.on_target_ticks.saturating_add(1) } else { 0 };
+        let converters = ConverterParameters {
+            adc_zero: control::zero(),
+            ..converters
+        };
+        let error = sample
+            .reference
+            .saturating_sub(converters.position(sample.adc_code));
+        let small = sample.flags as u8 == Mode::Closed as u8
+            && error.saturating_abs() <= telemetry.tolerance;
+        telemetry.on_target_ticks = if small {
+            telemetry.on_target_ticks.saturating_add(1)
+        } else {
+            0
+        };
         measure(sample, error, converters.drive(sample.dac_code));
     });
 }
@@ -124,11 +145,25 @@ fn measure(sample: &TraceSample, error: i32, drive: i32) {
 
 fn say_resonance(watch: ResonanceWatch, figures: LoopFigures) {
     let nearest = |thousandths: u32| thousandths.saturating_add(500) / 1000;
-    let (hz, nm, alarm_nm) = (nearest(watch.frequency_millihertz), nearest(figures.resonance_pm), nearest(watch.alarm_pm));
+    let (hz, nm, alarm_nm) = (
+        nearest(watch.frequency_millihertz),
+        nearest(figures.resonance_pm),
+        nearest(watch.alarm_pm),
+    );
     if figures.alarm {
-        defmt::warn!("amplitude at {=u32} Hz is {=u32} nm, above the alarm of {=u32} nm", hz, nm, alarm_nm);
+        defmt::warn!(
+            "amplitude at {=u32} Hz is {=u32} nm, above the alarm of {=u32} nm",
+            hz,
+            nm,
+            alarm_nm
+        );
     } else {
-        defmt::info!("amplitude at {=u32} Hz is {=u32} nm, alarm {=u32} nm", hz, nm, alarm_nm);
+        defmt::info!(
+            "amplitude at {=u32} Hz is {=u32} nm, alarm {=u32} nm",
+            hz,
+            nm,
+            alarm_nm
+        );
     }
 }
 

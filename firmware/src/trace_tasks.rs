@@ -13,15 +13,26 @@ static TRACE: AtomicU32 = AtomicU32::new(Channels::ALL.0 as u32 | (20 << 16));
 
 /// Chooses what is traced, and every how many ticks.
 pub fn choose(channels: Channels, decimation: u16) {
-    TRACE.store(u32::from(channels.0) | (u32::from(decimation) << 16), Ordering::Relaxed);
-    defmt::info!("trace channels {=u8} decimation {=u16}", channels.0, decimation);
+    TRACE.store(
+        u32::from(channels.0) | (u32::from(decimation) << 16),
+        Ordering::Relaxed,
+    );
+    defmt::info!(
+        "trace channels {=u8} decimation {=u16}",
+        channels.0,
+        decimation
+    );
 }
 
 /// Begins to read a complete capture out.
 pub fn begin_read_out() -> Result<(), &'static str> {
     let full = recorder::state() == recorder::State::Full;
     READING_OUT.store(full, Ordering::Relaxed);
-    if full { Ok(()) } else { Err("there is no complete capture") }
+    if full {
+        Ok(())
+    } else {
+        Err("there is no complete capture")
+    }
 }
 
 /// Forgets the capture, armed or complete.
@@ -82,7 +93,9 @@ pub async fn read_out() {
         while READING_OUT.load(Ordering::Relaxed)
             && let Some(sample) = recorder::sample(nth)
         {
-            while (nth as usize).is_multiple_of(BLOCK_SAMPLES) && log_channel::free_bytes() < BLOCK_ROOM_BYTES {
+            while (nth as usize).is_multiple_of(BLOCK_SAMPLES)
+                && log_channel::free_bytes() < BLOCK_ROOM_BYTES
+            {
                 task_clock::next().await;
             }
             block.push(&sample, 0, &mut send);

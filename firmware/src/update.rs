@@ -20,7 +20,8 @@ use embassy_sync::signal::Signal;
 use hysteron_core::checksum::Crc32;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::{
-    H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress, Request, WORD_BYTES, Word, journal,
+    H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress, Request, WORD_BYTES,
+    Word, journal,
 };
 use hysteron_protocol::device::{UpdateRefusal, UpdateState};
 
@@ -30,16 +31,22 @@ use crate::{control, flash_read, settings};
 /// The board, as an image names it.
 const BOARD: &str = "NUCLEO-H743ZI2";
 /// Its converters, in the same way.
-const FRONT_END: &str = if cfg!(feature = "on-chip-converters") { "on-chip" } else { "SPI" };
+const FRONT_END: &str = if cfg!(feature = "on-chip-converters") {
+    "on-chip"
+} else {
+    "SPI"
+};
 /// Words between two turns of other tasks while a checksum is computed.
 const WORDS_AT_ONCE: usize = 32;
 
 /// What the image says of itself.
 #[used]
 #[unsafe(link_section = ".image_header")]
-static HEADER: ImageHeader = ImageHeader::new(BOARD, FRONT_END, env!("CARGO_PKG_VERSION"), SAMPLE_RATE_HZ);
+static HEADER: ImageHeader =
+    ImageHeader::new(BOARD, FRONT_END, env!("CARGO_PKG_VERSION"), SAMPLE_RATE_HZ);
 
-static STATE: ThreadModeMutex<Cell<UpdateState>> = ThreadModeMutex::new(Cell::new(UpdateState::Nothing));
+static STATE: ThreadModeMutex<Cell<UpdateState>> =
+    ThreadModeMutex::new(Cell::new(UpdateState::Nothing));
 /// Bytes of the image that is coming, and of what of it stands in flash.
 static LENGTH: AtomicU32 = AtomicU32::new(0);
 static STORED: AtomicU32 = AtomicU32::new(0);
@@ -100,9 +107,15 @@ pub fn load() -> bool {
     };
     set(state);
     match state {
-        UpdateState::Trial => defmt::info!("update: this image is on trial for its first healthy second"),
-        UpdateState::NotInstalled => defmt::warn!("update: the image was not installed; this is the one before it"),
-        UpdateState::RolledBack => defmt::error!("update: the image did not become healthy and was rolled back"),
+        UpdateState::Trial => {
+            defmt::info!("update: this image is on trial for its first healthy second")
+        }
+        UpdateState::NotInstalled => {
+            defmt::warn!("update: the image was not installed; this is the one before it")
+        }
+        UpdateState::RolledBack => {
+            defmt::error!("update: the image did not become healthy and was rolled back")
+        }
         _ => {}
     }
     if matches!(state, UpdateState::NotInstalled | UpdateState::RolledBack) && !reported {
@@ -156,7 +169,11 @@ pub fn take(piece: &BlockPiece) -> Result<bool, UpdateRefusal> {
         return Ok(false);
     }
     let UpdateState::Receiving { stored } = state() else {
-        return if is_busy() { Ok(false) } else { Err(UpdateRefusal::NoImage) };
+        return if is_busy() {
+            Ok(false)
+        } else {
+            Err(UpdateRefusal::NoImage)
+        };
     };
     allowed()?;
     // Pieces come in order; one that came before the last one stands in flash is early, not wrong.
@@ -165,12 +182,18 @@ pub fn take(piece: &BlockPiece) -> Result<bool, UpdateRefusal> {
         return Ok(false);
     }
     let offset = piece.offset() as u32;
-    let Some(word) = piece.bytes().first_chunk::<WORD_BYTES>().filter(|_| offset == stored && offset < LENGTH.load(Ordering::Relaxed))
+    let Some(word) = piece
+        .bytes()
+        .first_chunk::<WORD_BYTES>()
+        .filter(|_| offset == stored && offset < LENGTH.load(Ordering::Relaxed))
     else {
         return Err(UpdateRefusal::NoImage);
     };
     STORED.store(stored + WORD_BYTES as u32, Ordering::Relaxed);
-    WANTED.signal(Wanted::Word { offset, word: *word });
+    WANTED.signal(Wanted::Word {
+        offset,
+        word: *word,
+    });
     Ok(true)
 }
 
@@ -201,27 +224,33 @@ fn received() -> u32 {
 pub async fn updater() {
     loop {
         let next = match WANTED.wait().await {
-            Wanted::Begin => make_room().await.map(|()| UpdateState::Receiving { stored: 0 }),
+            Wanted::Begin => make_room()
+                .await
+                .map(|()| UpdateState::Receiving { stored: 0 }),
             Wanted::Word { offset, word } => {
                 let stored = offset + WORD_BYTES as u32;
-                flash::write_word(H743ZI.incoming + offset, &word).await.map(|()| UpdateState::Receiving { stored })
+                flash::write_word(H743ZI.incoming + offset, &word)
+                    .await
+                    .map(|()| UpdateState::Receiving { stored })
             }
             Wanted::Commit { checksum } => request(checksum).await.map(|()| {
                 defmt::info!("update: an image is ready: `restart` installs it");
                 UpdateState::Ready
             }),
-            Wanted::Mark(mark) => match flash::write_word(mark.address(H743ZI.journal), &MARKED).await {
-                Ok(()) if mark == Mark::Healthy => {
-                    defmt::info!("update: this image has been healthy for a second and stays");
-                    Ok(UpdateState::Confirmed)
+            Wanted::Mark(mark) => {
+                match flash::write_word(mark.address(H743ZI.journal), &MARKED).await {
+                    Ok(()) if mark == Mark::Healthy => {
+                        defmt::info!("update: this image has been healthy for a second and stays");
+                        Ok(UpdateState::Confirmed)
+                    }
+                    Ok(()) => continue,
+                    // A mark of health that cannot be set: the watch of the trial restarts the part.
+                    Err(reason) => {
+                        defmt::error!("update: the journal: {=str}", reason);
+                        continue;
+                    }
                 }
-                Ok(()) => continue,
-                // A mark of health that cannot be set: the watch of the trial restarts the part.
-                Err(reason) => {
-                    defmt::error!("update: the journal: {=str}", reason);
-                    continue;
-                }
-            },
+            }
         };
         set(next.unwrap_or_else(|reason| {
             defmt::warn!("update refused: {=str}", reason);
@@ -265,5 +294,9 @@ async fn request(checksum: u32) -> Result<(), &'static str> {
     }
     let request = Request { bytes, checksum };
     flash::write_word(H743ZI.journal, &request.word()).await?;
-    if journal(H743ZI.journal, word).1 == Some(request) { Ok(()) } else { Err("the request does not read back") }
+    if journal(H743ZI.journal, word).1 == Some(request) {
+        Ok(())
+    } else {
+        Err("the request does not read back")
+    }
 }

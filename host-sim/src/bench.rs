@@ -164,9 +164,15 @@ pub struct Variant {
 
 impl Variant {
     /// The plain bench without load.
-    pub const PLAIN: Self = Self { completeness: Completeness::Plain, loaded: false };
+    pub const PLAIN: Self = Self {
+        completeness: Completeness::Plain,
+        loaded: false,
+    };
     /// The full bench without load.
-    pub const FULL: Self = Self { completeness: Completeness::Full, loaded: false };
+    pub const FULL: Self = Self {
+        completeness: Completeness::Full,
+        loaded: false,
+    };
 }
 
 /// From where an experiment begins.
@@ -219,10 +225,16 @@ impl Bench {
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
         let bench: Self = toml::from_str(text)?;
         if bench.creep.denominator.len() > CREEP_POLES + 1 {
-            return Err(serde::de::Error::custom(format!("creep.denominator: at most {CREEP_POLES} poles")));
+            return Err(serde::de::Error::custom(format!(
+                "creep.denominator: at most {CREEP_POLES} poles"
+            )));
         }
-        if bench.domains.is_none() && (bench.hysteresis.f.is_empty() || bench.vibration.natural_frequency_rad_s <= 0.0) {
-            return Err(serde::de::Error::custom("a bench needs [hysteresis] and [vibration], or [domains]"));
+        if bench.domains.is_none()
+            && (bench.hysteresis.f.is_empty() || bench.vibration.natural_frequency_rad_s <= 0.0)
+        {
+            return Err(serde::de::Error::custom(
+                "a bench needs [hysteresis] and [vibration], or [domains]",
+            ));
         }
         Ok(bench)
     }
@@ -281,14 +293,19 @@ impl Bench {
         let substeps = substeps.max(1);
         let dt_s = self.sampling_period_s() / substeps as f64;
         let full = variant.completeness == Completeness::Full;
-        let mass_factor = if variant.loaded { self.loaded_mode_factor() } else { 1.0 };
+        let mass_factor = if variant.loaded {
+            self.loaded_mode_factor()
+        } else {
+            1.0
+        };
         let lag = |bandwidth_hz: f64| {
             ContinuousSystem::from_transfer_function(&[1.0], &[1.0 / (TAU * bandwidth_hz), 1.0])
                 .and_then(|system| FixedSystem::new(&system.discretise(dt_s)))
         };
         let surfaces = || {
             let range_v = self.drive_max_v - self.drive_min_v;
-            let surfaces = Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
+            let surfaces =
+                Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
             SurfaceStage {
                 hysteresis: OneSidedHysteresis::virgin(surfaces, self.drive_min_v, range_v),
                 first_mode: VibrationMode::new(
@@ -300,24 +317,45 @@ impl Bench {
                     let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
                     (
                         self.full.second_mode_share,
-                        VibrationMode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s),
+                        VibrationMode::new(
+                            frequency_rad_s,
+                            self.full.second_mode_damping_ratio * mass_factor,
+                            dt_s,
+                        ),
                     )
                 }),
-                creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
-                    .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
+                creep: ContinuousSystem::from_transfer_function(
+                    &self.creep.numerator,
+                    &self.creep.denominator,
+                )
+                .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
             }
         };
-        let load_kg = if variant.loaded { self.full.load_mass_kg } else { 0.0 };
+        let load_kg = if variant.loaded {
+            self.full.load_mass_kg
+        } else {
+            0.0
+        };
         let limits_v = (self.drive_min_v, self.drive_max_v);
         Plant {
             substeps,
-            amplifier: if full { lag(self.full.amplifier_bandwidth_hz) } else { None },
+            amplifier: if full {
+                lag(self.full.amplifier_bandwidth_hz)
+            } else {
+                None
+            },
             stage: match &self.domains {
-                Some(truth) => Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, dt_s)),
+                Some(truth) => {
+                    Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, dt_s))
+                }
                 None => Actuator::Surfaces(Box::new(surfaces())),
             },
             coloured: self.coloured_noise(0),
-            sensor: if full { lag(self.full.sensor_bandwidth_hz) } else { None },
+            sensor: if full {
+                lag(self.full.sensor_bandwidth_hz)
+            } else {
+                None
+            },
             mean_weight: {
                 let step = TAU * self.full.amplifier_bandwidth_hz * dt_s;
                 1.0 / -(-step).exp_m1() - 1.0 / step
@@ -358,12 +396,22 @@ impl Bench {
     /// What the sensor adds beside its white noise; none on a bench that has only that.
     #[must_use]
     pub fn coloured_noise(&self, seed: u64) -> Option<ColouredNoise> {
-        Some(ColouredNoise::new(&self.domains.as_ref()?.sensor, self.converters.sample_rate_hz, seed))
+        Some(ColouredNoise::new(
+            &self.domains.as_ref()?.sensor,
+            self.converters.sample_rate_hz,
+            seed,
+        ))
     }
 
     /// Plays a drive and returns what is seen and what is true. The same seed gives the same noise.
     #[must_use]
-    pub fn record(&self, variant: Variant, start: Start, drive_v: &[f64], seed: u64) -> BenchRecord {
+    pub fn record(
+        &self,
+        variant: Variant,
+        start: Start,
+        drive_v: &[f64],
+        seed: u64,
+    ) -> BenchRecord {
         let mut plant = self.plant(variant);
         let zero_um = match start {
             Start::Virgin => 0.0,
@@ -381,7 +429,9 @@ impl Bench {
             let applied_v = self.drive_after_converter_v(*command_v);
             record.reading_um.push(sensor.read(&plant));
             record.noise_free_um.push(plant.sensor_um() - zero_um);
-            record.displacement_um.push(plant.displacement_um() - zero_um);
+            record
+                .displacement_um
+                .push(plant.displacement_um() - zero_um);
             record.drive_v.push(applied_v);
             plant.tick(applied_v);
         }
@@ -403,7 +453,12 @@ impl Sensor {
     #[must_use]
     pub fn new(bench: &Bench, zero_um: f64, seed: u64) -> Self {
         let noise = WhiteNoise::new(bench.converters.sensor_noise_um, seed);
-        Self { scale: bench.converter_scale(), zero_um, noise, coloured: bench.coloured_noise(seed) }
+        Self {
+            scale: bench.converter_scale(),
+            zero_um,
+            noise,
+            coloured: bench.coloured_noise(seed),
+        }
     }
 
     /// Reads the plant now, um.
@@ -415,7 +470,8 @@ impl Sensor {
     /// Reads the plant now, as the converter's code (which knows no zero).
     pub fn read_code(&mut self, plant: &Plant) -> SensorCode {
         let coloured_um = self.coloured.as_mut().map_or(0.0, ColouredNoise::next_um);
-        self.scale.adc_code(plant.sensor_um() + self.noise.next_um() + coloured_um)
+        self.scale
+            .adc_code(plant.sensor_um() + self.noise.next_um() + coloured_um)
     }
 }
 
@@ -435,7 +491,11 @@ impl SurfaceStage {
             Some((share, mode)) => first_um + *share * (mode.step(force_um) - first_um),
             None => first_um,
         };
-        moved_um + self.creep.as_mut().map_or(0.0, |g2| g2.step_straight(moved_um))
+        moved_um
+            + self
+                .creep
+                .as_mut()
+                .map_or(0.0, |g2| g2.step_straight(moved_um))
     }
 }
 
@@ -501,14 +561,17 @@ impl Plant {
                 Some(amplifier) => {
                     self.piezo_v = amplifier.step_held(drive_v);
                     let end_um = self.stage.force_um(self.piezo_v);
-                    let mean_um = self.force_equivalent_um + self.mean_weight * (end_um - self.force_equivalent_um);
+                    let mean_um = self.force_equivalent_um
+                        + self.mean_weight * (end_um - self.force_equivalent_um);
                     self.force_equivalent_um = end_um;
                     mean_um
                 }
                 None => self.force_equivalent_um,
             };
             self.displacement_um = self.stage.move_by(piezo_um + external_um);
-            self.sensor_um = self.sensor.as_mut().map_or(self.displacement_um, |lag| lag.step_straight(self.displacement_um));
+            self.sensor_um = self.sensor.as_mut().map_or(self.displacement_um, |lag| {
+                lag.step_straight(self.displacement_um)
+            });
         }
     }
 
@@ -553,7 +616,9 @@ mod tests {
     fn the_built_in_bench_is_readable_and_strict() {
         let bench = Bench::reference().unwrap();
         assert_eq!(bench.name, "p753");
-        assert!(Bench::from_toml(&(include_str!("../bench.toml").to_string() + "\nfoo = 1\n")).is_err());
+        assert!(
+            Bench::from_toml(&(include_str!("../bench.toml").to_string() + "\nfoo = 1\n")).is_err()
+        );
     }
 
     #[test]
@@ -564,7 +629,11 @@ mod tests {
             plant.tick(70.0);
         }
         // 20 ms after a step to 70 V: 10.74 um (thesis Ch. 5 Table 1) and a little creep.
-        assert!((plant.displacement_um() - 10.74).abs() < 0.08, "{}", plant.displacement_um());
+        assert!(
+            (plant.displacement_um() - 10.74).abs() < 0.08,
+            "{}",
+            plant.displacement_um()
+        );
         let g2_static = 9.404 / 125.0;
         let mut slow = bench.plant_with_substeps(Variant::PLAIN, 1);
         for _ in 0..2_000_000 {
@@ -577,7 +646,14 @@ mod tests {
     fn twenty_substeps_are_enough() {
         let bench = Bench::reference().unwrap();
         let drive = waveform::raised_cosine(20_000.0, 300.0, 0.0, 70.0, 6);
-        for variant in [Variant::PLAIN, Variant::FULL, Variant { loaded: true, ..Variant::FULL }] {
+        for variant in [
+            Variant::PLAIN,
+            Variant::FULL,
+            Variant {
+                loaded: true,
+                ..Variant::FULL
+            },
+        ] {
             let play = |substeps: usize| -> Vec<f64> {
                 let mut plant = bench.plant_with_substeps(variant, substeps);
                 drive
@@ -598,7 +674,10 @@ mod tests {
         let bench = Bench::reference().unwrap();
         let drive = waveform::sine(20_000.0, 50.0, 45.0, 40.0, 0.0, 0.1);
         let a = bench.record(Variant::FULL, Start::Conditioned, &drive, 1);
-        assert_eq!(a, bench.record(Variant::FULL, Start::Conditioned, &drive, 1));
+        assert_eq!(
+            a,
+            bench.record(Variant::FULL, Start::Conditioned, &drive, 1)
+        );
         let b = bench.record(Variant::FULL, Start::Conditioned, &drive, 2);
         assert_eq!(a.noise_free_um, b.noise_free_um);
         let noise = rms_difference(&a.reading_um, &a.noise_free_um);
@@ -614,11 +693,21 @@ mod tests {
         let (reference, domains) = (Bench::reference().unwrap(), Bench::domains().unwrap());
         let fs = reference.converters.sample_rate_hz;
         let drive = waveform::half_cosines(fs, 0.02, &[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 0.0]);
-        let [a, b] = [&reference, &domains].map(|bench| bench.record(Variant::FULL, Start::Virgin, &drive, 3));
-        assert!(rms_difference(&a.noise_free_um, &b.noise_free_um) < 0.5, "{}", rms_difference(&a.noise_free_um, &b.noise_free_um));
+        let [a, b] = [&reference, &domains]
+            .map(|bench| bench.record(Variant::FULL, Start::Virgin, &drive, 3));
+        assert!(
+            rms_difference(&a.noise_free_um, &b.noise_free_um) < 0.5,
+            "{}",
+            rms_difference(&a.noise_free_um, &b.noise_free_um)
+        );
         assert!(rms_difference(&a.noise_free_um, &b.noise_free_um) > 0.05);
         // Its noise is not white: slow parts and lines stand above the sum of what the reference has.
-        let added: Vec<f64> = b.reading_um.iter().zip(&b.noise_free_um).map(|(read, free)| read - free).collect();
+        let added: Vec<f64> = b
+            .reading_um
+            .iter()
+            .zip(&b.noise_free_um)
+            .map(|(read, free)| read - free)
+            .collect();
         let rms_um = (added.iter().map(|n| n * n).sum::<f64>() / added.len() as f64).sqrt();
         assert!((0.001..0.003).contains(&rms_um), "{rms_um}");
     }
@@ -628,7 +717,15 @@ mod tests {
         let bench = Bench::reference().unwrap();
         let drive = waveform::hold(20_000.0, 30.0, 0.01);
         let bare = bench.record(Variant::PLAIN, Start::Virgin, &drive, 1);
-        let loaded = bench.record(Variant { loaded: true, ..Variant::PLAIN }, Start::Virgin, &drive, 1);
+        let loaded = bench.record(
+            Variant {
+                loaded: true,
+                ..Variant::PLAIN
+            },
+            Start::Virgin,
+            &drive,
+            1,
+        );
         let rise = |r: &BenchRecord| r.noise_free_um.iter().position(|y| *y > 2.0).unwrap();
         assert!(rise(&loaded) > rise(&bare));
         assert!((loaded.noise_free_um[199] - bare.noise_free_um[199]).abs() < 0.02);

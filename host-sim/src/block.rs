@@ -34,10 +34,29 @@ impl Linear {
     /// A block that reads `reading` of its states at the end of each interval, and `through` of its input
     /// beside.
     #[must_use]
-    pub fn reading_states(phi: Vec<Vec<f64>>, start: Vec<f64>, end: Vec<f64>, reading: &[f64], through: f64, rest: Vec<f64>) -> Self {
-        let along = |values: &[f64]| -> f64 { reading.iter().zip(values).map(|(c, v)| c * v).sum() };
-        let out = (0..reading.len()).map(|j| reading.iter().zip(&phi).map(|(c, row)| c * row[j]).sum()).collect();
-        Self { out, before: along(&start), through: through + along(&end), phi, start, end, rest, offset: 0.0 }
+    pub fn reading_states(
+        phi: Vec<Vec<f64>>,
+        start: Vec<f64>,
+        end: Vec<f64>,
+        reading: &[f64],
+        through: f64,
+        rest: Vec<f64>,
+    ) -> Self {
+        let along =
+            |values: &[f64]| -> f64 { reading.iter().zip(values).map(|(c, v)| c * v).sum() };
+        let out = (0..reading.len())
+            .map(|j| reading.iter().zip(&phi).map(|(c, row)| c * row[j]).sum())
+            .collect();
+        Self {
+            out,
+            before: along(&start),
+            through: through + along(&end),
+            phi,
+            start,
+            end,
+            rest,
+            offset: 0.0,
+        }
     }
 
     /// Two blocks with the same input, whose outputs add with these weights, and `through` of the input
@@ -54,14 +73,26 @@ impl Linear {
             }
             at += part.rest.len();
         }
-        let all = |of: fn(&Self) -> &Vec<f64>| parts.iter().flat_map(|(_, p)| of(p).iter().copied()).collect::<Vec<f64>>();
+        let all = |of: fn(&Self) -> &Vec<f64>| {
+            parts
+                .iter()
+                .flat_map(|(_, p)| of(p).iter().copied())
+                .collect::<Vec<f64>>()
+        };
         Self {
             phi,
             start: all(|p| &p.start),
             end: all(|p| &p.end),
-            out: parts.iter().flat_map(|(weight, p)| p.out.iter().map(move |c| weight * c)).collect(),
+            out: parts
+                .iter()
+                .flat_map(|(weight, p)| p.out.iter().map(move |c| weight * c))
+                .collect(),
             before: parts.iter().map(|(weight, p)| weight * p.before).sum(),
-            through: through + parts.iter().map(|(weight, p)| weight * p.through).sum::<f64>(),
+            through: through
+                + parts
+                    .iter()
+                    .map(|(weight, p)| weight * p.through)
+                    .sum::<f64>(),
             rest: all(|p| &p.rest),
             offset: 0.0,
         }
@@ -292,18 +323,32 @@ impl BlockChain {
         for (effect, fine) in model.order_with_fineness(&held) {
             let instance = &model.effects[effect];
             let setting = model.setting(&held, if fine { substeps } else { 1 });
-            let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else { continue };
+            let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else {
+                continue;
+            };
             let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;
             let acts = |block: &Block| !matches!(block, Block::Linear(l) if l.rest.is_empty() && l.before == 0.0 && l.through == 1.0);
-            blocks.extend(of_stage.into_iter().filter(acts).map(|block| Placed { effect: instance.id.clone(), fine, block }));
+            blocks.extend(of_stage.into_iter().filter(acts).map(|block| Placed {
+                effect: instance.id.clone(),
+                fine,
+                block,
+            }));
         }
-        Ok(Self { dt_s, substeps, drive_min_v: model.drive_min_v, drive_max_v: model.drive_max_v, blocks })
+        Ok(Self {
+            dt_s,
+            substeps,
+            drive_min_v: model.drive_min_v,
+            drive_max_v: model.drive_max_v,
+            blocks,
+        })
     }
 
     /// Whether it takes a measured force.
     #[must_use]
     pub fn takes_force(&self) -> bool {
-        self.blocks.iter().any(|placed| matches!(placed.block, Block::Force { .. }))
+        self.blocks
+            .iter()
+            .any(|placed| matches!(placed.block, Block::Force { .. }))
     }
 
     /// What the sensor reads at every sample, um: the reference that exports are compared with.
@@ -312,20 +357,30 @@ impl BlockChain {
         let (mut signal, mut at_rest, mut fine) = (drive.drive_v.to_vec(), at_rest_v, false);
         for placed in &self.blocks {
             if placed.fine && !fine {
-                signal = signal.iter().flat_map(|value| std::iter::repeat_n(*value, self.substeps)).collect();
+                signal = signal
+                    .iter()
+                    .flat_map(|value| std::iter::repeat_n(*value, self.substeps))
+                    .collect();
             } else if fine && !placed.fine {
                 signal = crate::chain::ends(&signal, self.substeps);
             }
             fine = placed.fine;
             let substeps = if fine { self.substeps } else { 1 };
             at_rest = run(&placed.block, at_rest, &mut signal, |interval| {
-                drive.force_n.and_then(|f| f.get(interval / substeps)).copied().unwrap_or(0.0)
+                drive
+                    .force_n
+                    .and_then(|f| f.get(interval / substeps))
+                    .copied()
+                    .unwrap_or(0.0)
             });
         }
         if fine {
             signal = crate::chain::ends(&signal, self.substeps);
         }
-        std::iter::once(at_rest).chain(signal).take(drive.drive_v.len()).collect()
+        std::iter::once(at_rest)
+            .chain(signal)
+            .take(drive.drive_v.len())
+            .collect()
     }
 }
 
@@ -334,18 +389,32 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
     match block {
         Block::Proportional { gain, offset } => each(at_rest, signal, |x| gain * (x - offset)),
         Block::Clamp { lower, upper } => each(at_rest, signal, |x| x.min(*upper).max(*lower)),
-        Block::Bend { quadratic, cubic } => each(at_rest, signal, |x| x * (1.0 + x * (quadratic + x * cubic))),
-        Block::Round { step } => each(at_rest, signal, |x| if *step > 0.0 { (x / step).round() * step } else { x }),
+        Block::Bend { quadratic, cubic } => {
+            each(at_rest, signal, |x| x * (1.0 + x * (quadratic + x * cubic)))
+        }
+        Block::Round { step } => each(at_rest, signal, |x| {
+            if *step > 0.0 {
+                (x / step).round() * step
+            } else {
+                x
+            }
+        }),
         Block::Slope { most, gives_mean } => {
             let mut stands = at_rest;
             signal.iter_mut().for_each(|x| {
                 let start = stands;
                 let away = *x - start;
                 let arrives = away.abs() <= *most;
-                stands = if arrives { *x } else { start + most.copysign(away) };
+                stands = if arrives {
+                    *x
+                } else {
+                    start + most.copysign(away)
+                };
                 *x = match (gives_mean, arrives) {
                     (false, _) => stands,
-                    (true, true) => *x - away * 0.5 * if *most > 0.0 { away.abs() / most } else { 1.0 },
+                    (true, true) => {
+                        *x - away * 0.5 * if *most > 0.0 { away.abs() / most } else { 1.0 }
+                    }
                     (true, false) => 0.5 * (start + stands),
                 };
             });
@@ -355,7 +424,14 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
             let rest = at_rest - linear.offset;
             let mut states: Vec<f64> = linear.rest.iter().map(|unit| unit * rest).collect();
             let reads = |states: &[f64], before: f64, x: f64| {
-                linear.out.iter().zip(states).map(|(c, s)| c * s).sum::<f64>() + linear.before * before + linear.through * x
+                linear
+                    .out
+                    .iter()
+                    .zip(states)
+                    .map(|(c, s)| c * s)
+                    .sum::<f64>()
+                    + linear.before * before
+                    + linear.through * x
             };
             let out = reads(&states, rest, rest) + linear.offset;
             let mut before = rest;
@@ -363,7 +439,11 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                 let x = *value - linear.offset;
                 *value = reads(&states, before, x) + linear.offset;
                 states = (linear.phi.iter().zip(linear.start.iter().zip(&linear.end)))
-                    .map(|(row, (start, end))| row.iter().zip(&states).map(|(p, s)| p * s).sum::<f64>() + start * before + end * x)
+                    .map(|(row, (start, end))| {
+                        row.iter().zip(&states).map(|(p, s)| p * s).sum::<f64>()
+                            + start * before
+                            + end * x
+                    })
                     .collect();
                 before = x;
             }
@@ -372,11 +452,23 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
         Block::Delay { whole, late_share } => {
             let inputs = signal.to_vec();
             let ago = |k: usize, by: usize| if k >= by { inputs[k - by] } else { at_rest };
-            signal.iter_mut().enumerate().for_each(|(k, x)| *x = late_share * ago(k, whole + 1) + (1.0 - late_share) * ago(k, *whole));
+            signal.iter_mut().enumerate().for_each(|(k, x)| {
+                *x = late_share * ago(k, whole + 1) + (1.0 - late_share) * ago(k, *whole)
+            });
             at_rest
         }
-        Block::Loops { g, r, plays, rate, lower, span } => {
-            let surfaces = Surfaces { g: g.clone(), r: r.clone() };
+        Block::Loops {
+            g,
+            r,
+            plays,
+            rate,
+            lower,
+            span,
+        } => {
+            let surfaces = Surfaces {
+                g: g.clone(),
+                r: r.clone(),
+            };
             let mut operator = OneSidedHysteresis::virgin(surfaces, *lower, *span);
             let mut stands = vec![0.0; plays.len()];
             let mut follow = |v: f64| {
@@ -384,8 +476,11 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                 let sum = sum_of_plays(plays, &mut stands, x);
                 let y = operator.step(v) + sum;
                 let top = operator.stack().global_maximum();
-                let curve =
-                    operator.initial_curve_at_maximum() + plays.iter().map(|p| p.weight * (top - p.threshold).max(0.0)).sum::<f64>();
+                let curve = operator.initial_curve_at_maximum()
+                    + plays
+                        .iter()
+                        .map(|p| p.weight * (top - p.threshold).max(0.0))
+                        .sum::<f64>();
                 (y, curve)
             };
             let mut y = follow(at_rest).0;
@@ -399,14 +494,19 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                     Some(rate) => {
                         unchanged += usize::from(!moves);
                         if moves || unchanged >= rate.substeps {
-                            let intervals = if unchanged + 1 >= rate.substeps { rate.substeps } else { 1 };
+                            let intervals = if unchanged + 1 >= rate.substeps {
+                                rate.substeps
+                            } else {
+                                1
+                            };
                             if moves {
                                 unchanged = 0;
                             }
                             let v = (*value - last).abs() / (rate.dt_s * intervals as f64) / 1e4;
                             let (still, curve) = follow(*value);
                             y = curve * (1.0 + rate.curve_linear * v)
-                                - (curve - still) * (1.0 + v * (rate.loop_linear + v * rate.loop_quadratic));
+                                - (curve - still)
+                                    * (1.0 + v * (rate.loop_linear + v * rate.loop_quadratic));
                         }
                     }
                 }
@@ -415,14 +515,27 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
             }
             out
         }
-        Block::Plays { plays, zones, lower, span } => {
+        Block::Plays {
+            plays,
+            zones,
+            lower,
+            span,
+        } => {
             let mut stands = vec![0.0; plays.len()];
             each(at_rest, signal, |v| {
                 let sum = sum_of_plays(plays, &mut stands, (v - lower) / span);
-                sum + zones.iter().map(|zone| zone.weight * (sum - zone.threshold).max(0.0)).sum::<f64>()
+                sum + zones
+                    .iter()
+                    .map(|zone| zone.weight * (sum - zone.threshold).max(0.0))
+                    .sum::<f64>()
             })
         }
-        Block::Slip { gain, elements, lower, span } => {
+        Block::Slip {
+            gain,
+            elements,
+            lower,
+            span,
+        } => {
             let (mut stretch, mut last) = (vec![0.0; elements.len()], 0.0);
             each(at_rest, signal, |v| {
                 let x = (v - lower) / span;
@@ -435,7 +548,14 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                 gain * x - held
             })
         }
-        Block::BoucWen { gain, alpha, beta, gamma, lower, span } => {
+        Block::BoucWen {
+            gain,
+            alpha,
+            beta,
+            gamma,
+            lower,
+            span,
+        } => {
             let (mut state, mut last) = (0.0_f64, 0.0);
             each(at_rest, signal, |v| {
                 let x = (v - lower) / span;
@@ -452,14 +572,22 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                 gain * x - state
             })
         }
-        Block::Duhem { approach, slope, elastic, lower, span } => {
+        Block::Duhem {
+            approach,
+            slope,
+            elastic,
+            lower,
+            span,
+        } => {
             let (mut y, mut last) = (0.0, 0.0);
             each(at_rest, signal, |v| {
                 let x = (v - lower) / span;
                 let change: f64 = x - last;
                 if change != 0.0 && *approach > 1e-9 {
                     let forcing = (elastic - slope) * change.signum() / approach;
-                    y = slope * x + forcing + (y - slope * last - forcing) * (-approach * change.abs()).exp();
+                    y = slope * x
+                        + forcing
+                        + (y - slope * last - forcing) * (-approach * change.abs()).exp();
                 } else {
                     y += elastic * change;
                 }
@@ -479,19 +607,32 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
             for (k, x) in signal.iter_mut().enumerate() {
                 let intervals = k as f64 + 1.0;
                 let slowed = slowing * intervals;
-                *x += rate * if slowed.abs() < 1e-9 { intervals } else { -(-slowed).exp_m1() / slowing };
+                *x += rate
+                    * if slowed.abs() < 1e-9 {
+                        intervals
+                    } else {
+                        -(-slowed).exp_m1() / slowing
+                    };
             }
             at_rest
         }
         Block::Lines(lines) => {
             for (k, x) in signal.iter_mut().enumerate() {
                 let n = k as f64 + 1.0;
-                *x += lines.iter().map(|[angle, sine, cosine]| cosine * (angle * n).cos() + sine * (angle * n).sin()).sum::<f64>();
+                *x += lines
+                    .iter()
+                    .map(|[angle, sine, cosine]| {
+                        cosine * (angle * n).cos() + sine * (angle * n).sin()
+                    })
+                    .sum::<f64>();
             }
             at_rest + lines.iter().map(|[_, _, cosine]| cosine).sum::<f64>()
         }
         Block::Force { compliance } => {
-            signal.iter_mut().enumerate().for_each(|(k, x)| *x += compliance * force_n(k));
+            signal
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, x)| *x += compliance * force_n(k));
             at_rest + compliance * force_n(0)
         }
     }

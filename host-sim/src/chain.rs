@@ -8,7 +8,9 @@
 //! run on sub-intervals; a held drive keeps its value over all the sub-intervals of a sample, another one
 //! runs on ([`crate::intersample`]).
 
-use crate::effect::{AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage};
+use crate::effect::{
+    AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage,
+};
 use crate::intersample::Intersample;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -66,7 +68,10 @@ pub struct EffectInstance {
 
 impl std::fmt::Debug for EffectInstance {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("EffectInstance").field("id", &self.id).field("parameters", &self.parameters).finish()
+        f.debug_struct("EffectInstance")
+            .field("id", &self.id)
+            .field("parameters", &self.parameters)
+            .finish()
     }
 }
 
@@ -75,16 +80,28 @@ impl EffectInstance {
     #[must_use]
     pub fn new(effect: Arc<dyn Effect>, overview: &Overview, values: &[f64]) -> Self {
         let declared = effect.parameters(overview);
-        let start = effect.starts(overview).into_iter().next().unwrap_or_default();
+        let start = effect
+            .starts(overview)
+            .into_iter()
+            .next()
+            .unwrap_or_default();
         let parameters = declared
             .into_iter()
             .enumerate()
             .map(|(i, parameter)| {
                 let value = values.get(i).or(start.get(i)).copied().unwrap_or(0.0);
-                ParameterValue { value: value.clamp(parameter.lower, parameter.upper), parameter, std: None }
+                ParameterValue {
+                    value: value.clamp(parameter.lower, parameter.upper),
+                    parameter,
+                    std: None,
+                }
             })
             .collect();
-        Self { id: effect.declaration().id, effect, parameters }
+        Self {
+            id: effect.declaration().id,
+            effect,
+            parameters,
+        }
     }
 
     /// The values of all parameters.
@@ -162,13 +179,24 @@ impl<'a> Drive<'a> {
     /// A drive that a converter holds from each sample to the next, with nothing recorded beside it.
     #[must_use]
     pub fn held(drive_v: &'a [f64], dt_s: f64, initial_state: InitialState) -> Self {
-        Self { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state, intersample: Intersample::Hold }
+        Self {
+            drive_v,
+            force_n: None,
+            auxiliary: &[],
+            dt_s,
+            initial_state,
+            intersample: Intersample::Hold,
+        }
     }
 
     /// Signals of the record that stages receive.
     #[must_use]
     pub fn signals(&self) -> Signals<'a> {
-        Signals { drive_v: self.drive_v, force_n: self.force_n, auxiliary: self.auxiliary }
+        Signals {
+            drive_v: self.drive_v,
+            force_n: self.force_n,
+            auxiliary: self.auxiliary,
+        }
     }
 
     /// What the chain takes in over each interval where a period has so many, and whether that is in
@@ -176,7 +204,10 @@ impl<'a> Drive<'a> {
     pub(crate) fn over_intervals(&self, substeps: usize) -> (Cow<'a, [f64]>, bool) {
         match self.intersample {
             Intersample::Hold => (Cow::Borrowed(self.drive_v), false),
-            other => (Cow::Owned(other.at_ends(self.drive_v, substeps)), substeps > 1),
+            other => (
+                Cow::Owned(other.at_ends(self.drive_v, substeps)),
+                substeps > 1,
+            ),
         }
     }
 }
@@ -186,7 +217,12 @@ impl Model {
     #[must_use]
     pub fn new(drive_min_v: f64, drive_max_v: f64) -> Self {
         // Zero has no sign: "-0 V" is no limit.
-        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new(), identified: None }
+        Self {
+            drive_min_v: drive_min_v + 0.0,
+            drive_max_v: drive_max_v + 0.0,
+            effects: Vec::new(),
+            identified: None,
+        }
     }
 
     /// Why the model's values contradict the physics of an effect.
@@ -216,8 +252,17 @@ impl Model {
         if !self.effects.iter().any(rounds) {
             return Cow::Borrowed(self);
         }
-        let effects = self.effects.iter().filter(|e| !rounds(e)).cloned().collect();
-        Cow::Owned(Self { effects, identified: None, ..*self })
+        let effects = self
+            .effects
+            .iter()
+            .filter(|e| !rounds(e))
+            .cloned()
+            .collect();
+        Cow::Owned(Self {
+            effects,
+            identified: None,
+            ..*self
+        })
     }
 
     /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the
@@ -227,7 +272,8 @@ impl Model {
         let takes_over = declaration.place == Place::Hysteresis && declaration.modifies.is_none();
         self.effects.retain(|e| {
             let other = e.effect.declaration();
-            e.id != instance.id && !(takes_over && other.place == Place::Hysteresis && other.modifies.is_none())
+            e.id != instance.id
+                && !(takes_over && other.place == Place::Hysteresis && other.modifies.is_none())
         });
         self.effects.push(instance);
         self.effects.sort_by_key(|e| e.effect.declaration().place);
@@ -242,7 +288,12 @@ impl Model {
     /// Sub-intervals per sample.
     #[must_use]
     pub fn substeps(&self, dt_s: f64) -> usize {
-        self.effects.iter().map(|e| e.effect.substeps(self, dt_s)).max().unwrap_or(1).max(1)
+        self.effects
+            .iter()
+            .map(|e| e.effect.substeps(self, dt_s))
+            .max()
+            .unwrap_or(1)
+            .max(1)
     }
 
     /// Sub-intervals per sample of a drive, which may need some of its own.
@@ -256,7 +307,11 @@ impl Model {
     pub(crate) fn neutral_um(&self, setting: &Setting) -> f64 {
         let undriven_v = 0.0_f64.clamp(self.drive_min_v, self.drive_max_v);
         let in_front = |i: &usize| self.effects[*i].effect.declaration().place <= Place::Hysteresis;
-        let stages = self.order().into_iter().filter(in_front).filter_map(|i| self.effects[i].stage(self, setting));
+        let stages = self
+            .order()
+            .into_iter()
+            .filter(in_front)
+            .filter_map(|i| self.effects[i].stage(self, setting));
         stages.fold(undriven_v, |value, mut stage| stage.settle(value))
     }
 
@@ -264,7 +319,10 @@ impl Model {
     #[must_use]
     pub fn stages<'a>(&self, setting: &Setting<'a>) -> Vec<(usize, Box<dyn Stage + 'a>)> {
         let order = self.order();
-        order.into_iter().filter_map(|i| self.effects[i].stage(self, setting).map(|stage| (i, stage))).collect()
+        order
+            .into_iter()
+            .filter_map(|i| self.effects[i].stage(self, setting).map(|stage| (i, stage)))
+            .collect()
     }
 
     /// The effects in the order of the chain, by position in the list.
@@ -281,11 +339,24 @@ impl Model {
         let (order, dt_s) = (self.order(), drive.dt_s);
         // A drive that is not held moves inside a period from the first stage on.
         let moves = drive.intersample != Intersample::Hold && self.substeps_for(drive) > 1;
-        let fine_from =
-            if moves { Some(0) } else { order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)) }.unwrap_or(order.len());
-        let by_ends = |effect: &&usize| self.effects[**effect].effect.goes_by_ends(self) && !self.goes_in_sub_intervals(**effect, dt_s);
+        let fine_from = if moves {
+            Some(0)
+        } else {
+            order
+                .iter()
+                .position(|&effect| self.goes_in_sub_intervals(effect, dt_s))
+        }
+        .unwrap_or(order.len());
+        let by_ends = |effect: &&usize| {
+            self.effects[**effect].effect.goes_by_ends(self)
+                && !self.goes_in_sub_intervals(**effect, dt_s)
+        };
         let fine_until = order.len() - order.iter().rev().take_while(by_ends).count();
-        order.into_iter().enumerate().map(|(place, effect)| (effect, (fine_from..fine_until).contains(&place))).collect()
+        order
+            .into_iter()
+            .enumerate()
+            .map(|(place, effect)| (effect, (fine_from..fine_until).contains(&place)))
+            .collect()
     }
 
     /// The stages for a drive of this period.
@@ -294,7 +365,11 @@ impl Model {
         for (effect, fine) in self.order_with_fineness(drive) {
             let (instance, fine) = (&self.effects[effect], fine || resolution.all_fine);
             let setting = self.setting(drive, if fine { resolution.substeps } else { 1 });
-            out.extend(instance.stage(self, &setting).map(|stage| WalkStage { fine, stage }));
+            out.extend(
+                instance
+                    .stage(self, &setting)
+                    .map(|stage| WalkStage { fine, stage }),
+            );
         }
         out
     }
@@ -304,10 +379,14 @@ impl Model {
     /// voltage is taken in them.
     pub(crate) fn goes_in_sub_intervals(&self, effect: usize, dt_s: f64) -> bool {
         let instance = &self.effects[effect];
-        let follows = |e: &EffectInstance| e.effect.follows_motion() && e.effect.declaration().place > Place::Vibration;
+        let follows = |e: &EffectInstance| {
+            e.effect.follows_motion() && e.effect.declaration().place > Place::Vibration
+        };
         instance.effect.substeps(self, dt_s) > 1
-            || (instance.effect.declaration().place == Place::AmplifierBandwidth && self.substeps(dt_s) > 1)
-            || (instance.effect.declaration().place == Place::Vibration && self.effects.iter().any(follows))
+            || (instance.effect.declaration().place == Place::AmplifierBandwidth
+                && self.substeps(dt_s) > 1)
+            || (instance.effect.declaration().place == Place::Vibration
+                && self.effects.iter().any(follows))
     }
 
     /// Settings for the stages of this model.
@@ -325,19 +404,36 @@ impl Model {
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
-        self.simulate_in(drive, Resolution { substeps: self.substeps_for(drive), all_fine: false })
+        self.simulate_in(
+            drive,
+            Resolution {
+                substeps: self.substeps_for(drive),
+                all_fine: false,
+            },
+        )
     }
 
     /// The same with every stage stepped in so many intervals per period: a plant that does not share the
     /// discretisation of a model.
     #[must_use]
     pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {
-        self.simulate_in(drive, Resolution { substeps: substeps.max(1), all_fine: true })
+        self.simulate_in(
+            drive,
+            Resolution {
+                substeps: substeps.max(1),
+                all_fine: true,
+            },
+        )
     }
 
     fn simulate_in(&self, drive: &Drive, resolution: Resolution) -> Vec<f64> {
         let carried = Carried::at_start(self, drive, resolution.substeps);
-        carry(self.walk(drive, resolution), carried, resolution.substeps, drive.drive_v.len())
+        carry(
+            self.walk(drive, resolution),
+            carried,
+            resolution.substeps,
+            drive.drive_v.len(),
+        )
     }
 }
 
@@ -366,7 +462,11 @@ impl Carried {
     /// The drive, in front of everything.
     fn at_start(model: &Model, drive: &Drive, substeps: usize) -> Self {
         let (signal, fine) = drive.over_intervals(substeps);
-        Self { signal: signal.into_owned(), fine, at_rest: model.resting_drive_v(drive) }
+        Self {
+            signal: signal.into_owned(),
+            fine,
+            at_rest: model.resting_drive_v(drive),
+        }
     }
 
     /// Goes over to sub-intervals.
@@ -387,7 +487,12 @@ impl Carried {
 }
 
 /// Carries a signal through stages.
-fn carry<'a>(stages: impl IntoIterator<Item = WalkStage<'a>>, mut carried: Carried, substeps: usize, samples: usize) -> Vec<f64> {
+fn carry<'a>(
+    stages: impl IntoIterator<Item = WalkStage<'a>>,
+    mut carried: Carried,
+    substeps: usize,
+    samples: usize,
+) -> Vec<f64> {
     for WalkStage { fine, mut stage } in stages {
         if fine {
             carried.refine(substeps)
@@ -397,7 +502,12 @@ fn carry<'a>(stages: impl IntoIterator<Item = WalkStage<'a>>, mut carried: Carri
         carried.at_rest = stage.settle(carried.at_rest);
         stage.run(0, &mut carried.signal);
     }
-    sample(&carried.signal, carried.at_rest, if carried.fine { substeps } else { 1 }, samples)
+    sample(
+        &carried.signal,
+        carried.at_rest,
+        if carried.fine { substeps } else { 1 },
+        samples,
+    )
 }
 
 impl Model {
@@ -405,7 +515,11 @@ impl Model {
     /// hysteresis counts from there to both sides.
     #[must_use]
     pub fn virgin_drive_v(&self) -> f64 {
-        if self.effect(crate::effect::two_sided::ID).is_some() { 0.0 } else { self.drive_min_v }
+        if self.effect(crate::effect::two_sided::ID).is_some() {
+            0.0
+        } else {
+            self.drive_min_v
+        }
     }
 
     /// The drive at which the actuator rests before the first sample, V.
@@ -413,7 +527,9 @@ impl Model {
     pub fn resting_drive_v(&self, drive: &Drive) -> f64 {
         match drive.initial_state {
             InitialState::Virgin => self.virgin_drive_v(),
-            InitialState::Settled | InitialState::Unknown => drive.drive_v.first().copied().unwrap_or(self.drive_min_v),
+            InitialState::Settled | InitialState::Unknown => {
+                drive.drive_v.first().copied().unwrap_or(self.drive_min_v)
+            }
         }
     }
 }
@@ -423,12 +539,20 @@ fn spread(signal: &[f64], substeps: usize) -> Vec<f64> {
     if substeps == 1 {
         return signal.to_vec();
     }
-    signal.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect()
+    signal
+        .iter()
+        .flat_map(|value| std::iter::repeat_n(*value, substeps))
+        .collect()
 }
 
 /// The values at the ends of sampling periods of a signal in sub-intervals.
 pub(crate) fn ends(signal: &[f64], substeps: usize) -> Vec<f64> {
-    signal.iter().skip(substeps - 1).step_by(substeps).copied().collect()
+    signal
+        .iter()
+        .skip(substeps - 1)
+        .step_by(substeps)
+        .copied()
+        .collect()
 }
 
 /// What is measured at every sample: the value at the end of the interval before it.
@@ -436,7 +560,13 @@ pub(crate) fn ends(signal: &[f64], substeps: usize) -> Vec<f64> {
 fn sample(signal: &[f64], at_rest: f64, substeps: usize, samples: usize) -> Vec<f64> {
     let mut out = Vec::with_capacity(samples);
     out.push(at_rest);
-    out.extend(signal.iter().skip(substeps - 1).step_by(substeps).take(samples.saturating_sub(1)));
+    out.extend(
+        signal
+            .iter()
+            .skip(substeps - 1)
+            .step_by(substeps)
+            .take(samples.saturating_sub(1)),
+    );
     out.truncate(samples);
     out
 }
@@ -463,23 +593,65 @@ mod tests {
         let amplifier: (&str, &[f64]) = ("amplifier_bandwidth", &[900.0]);
         let behind: &[(&str, &[f64])] = &[("hysteresis", &[10.0, 1.0, -1.0]), ("creep", creep)];
         let front = &[&[amplifier, ("slew_limit", &[60e3])], behind].concat()[..];
-        let without_slew_limit = model(&[&[amplifier], behind, &[("vibration", &[2500.0, 0.2]), ("sensor_bandwidth", &[2000.0])]].concat());
-        let with_mode =
-            model(&[front, &[("vibration", &[2500.0, 0.2]), ("sensor_nonlinearity", &[0.01]), ("sensor_bandwidth", &[2000.0])]].concat());
+        let without_slew_limit = model(
+            &[
+                &[amplifier],
+                behind,
+                &[
+                    ("vibration", &[2500.0, 0.2]),
+                    ("sensor_bandwidth", &[2000.0]),
+                ],
+            ]
+            .concat(),
+        );
+        let with_mode = model(
+            &[
+                front,
+                &[
+                    ("vibration", &[2500.0, 0.2]),
+                    ("sensor_nonlinearity", &[0.01]),
+                    ("sensor_bandwidth", &[2000.0]),
+                ],
+            ]
+            .concat(),
+        );
         let with_lag = model(&[front, &[("sensor_bandwidth", &[2000.0])]].concat());
-        let drive_v: Vec<f64> = (0..2000).map(|k| 35.0 + 30.0 * (0.3 * f64::from(k)).sin() * (0.017 * f64::from(k)).cos()).collect();
+        let drive_v: Vec<f64> = (0..2000)
+            .map(|k| 35.0 + 30.0 * (0.3 * f64::from(k)).sin() * (0.017 * f64::from(k)).cos())
+            .collect();
         let drive = Drive::held(&drive_v, 100e-6, InitialState::Settled);
-        for (model, fine, more_um) in [(&with_mode, 4, 1e-5), (&with_lag, 5, 1e-5), (&without_slew_limit, 3, 6e-4)] {
+        for (model, fine, more_um) in [
+            (&with_mode, 4, 1e-5),
+            (&with_lag, 5, 1e-5),
+            (&without_slew_limit, 3, 6e-4),
+        ] {
             let order = model.order_with_fineness(&drive);
-            let ids: Vec<&str> = order.iter().filter(|(_, fine)| *fine).map(|(effect, _)| model.effects[*effect].id.as_str()).collect();
+            let ids: Vec<&str> = order
+                .iter()
+                .filter(|(_, fine)| *fine)
+                .map(|(effect, _)| model.effects[*effect].id.as_str())
+                .collect();
             assert_eq!(ids.len(), fine, "{ids:?}");
             let finely = model.simulate_finely(&drive, 40);
-            let rms_um =
-                |reading: &[f64]| (reading.iter().zip(&finely).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / finely.len() as f64).sqrt();
+            let rms_um = |reading: &[f64]| {
+                (reading
+                    .iter()
+                    .zip(&finely)
+                    .map(|(a, b)| (a - b).powi(2))
+                    .sum::<f64>()
+                    / finely.len() as f64)
+                    .sqrt()
+            };
             // What four steps of every stage leave of this fast drive is the slew limit's; without one, loops
             // are straight over halves of a period.
-            let (plain_um, all_in_four_um) = (rms_um(&model.simulate(&drive)), rms_um(&model.simulate_finely(&drive, 4)));
-            assert!(plain_um < all_in_four_um + more_um, "{ids:?}: {plain_um} {all_in_four_um}");
+            let (plain_um, all_in_four_um) = (
+                rms_um(&model.simulate(&drive)),
+                rms_um(&model.simulate_finely(&drive, 4)),
+            );
+            assert!(
+                plain_um < all_in_four_um + more_um,
+                "{ids:?}: {plain_um} {all_in_four_um}"
+            );
         }
     }
 }

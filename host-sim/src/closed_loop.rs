@@ -215,7 +215,10 @@ impl ErrorFigures {
             max_um = max_um.max((x - y).abs());
             count += 1;
         }
-        Self { rms_um: (sum / count.max(1) as f64).sqrt(), max_um }
+        Self {
+            rms_um: (sum / count.max(1) as f64).sqrt(),
+            max_um,
+        }
     }
 }
 
@@ -230,7 +233,11 @@ impl Trace {
     #[must_use]
     pub fn limited_after(&self, from: usize) -> u32 {
         let before = self.limited_ticks.get(from).copied().unwrap_or(0);
-        self.limited_ticks.last().copied().unwrap_or(0).saturating_sub(before)
+        self.limited_ticks
+            .last()
+            .copied()
+            .unwrap_or(0)
+            .saturating_sub(before)
     }
 
     /// Error of the true displacement from a tick on.
@@ -258,7 +265,12 @@ pub struct Surroundings<'a> {
 }
 
 /// Conditions a plant: plays a drive through the open loop.
-pub fn condition(plant: &mut impl Plant, controller: &mut impl Controller, scale: &ConverterScale, drive_v: &[f64]) {
+pub fn condition(
+    plant: &mut impl Plant,
+    controller: &mut impl Controller,
+    scale: &ConverterScale,
+    drive_v: &[f64],
+) {
     for wanted_v in drive_v {
         let code = controller.open_loop(scale.dac_code(*wanted_v));
         plant.advance(scale.drive_v(code), 0.0);
@@ -267,22 +279,45 @@ pub fn condition(plant: &mut impl Plant, controller: &mut impl Controller, scale
 
 /// Closes the loop and follows a reference, um. The trace ends where the reference can no longer be looked
 /// ahead at.
-pub fn follow(plant: &mut impl Plant, controller: &mut impl Controller, around: &Surroundings<'_>, reference_um: &[f64]) -> Trace {
+pub fn follow(
+    plant: &mut impl Plant,
+    controller: &mut impl Controller,
+    around: &Surroundings<'_>,
+    reference_um: &[f64],
+) -> Trace {
     // The last samples of the reference are only looked ahead at.
     let n = reference_um.len().saturating_sub(PREVIEW_TICKS);
     let mut noise = WhiteNoise::new(around.noise_um, around.seed);
-    let mut trace = Trace { reference_um: reference_um[..n].to_vec(), ..Trace::default() };
-    for column in [&mut trace.reading_um, &mut trace.sensor_um, &mut trace.displacement_um, &mut trace.drive_v] {
+    let mut trace = Trace {
+        reference_um: reference_um[..n].to_vec(),
+        ..Trace::default()
+    };
+    for column in [
+        &mut trace.reading_um,
+        &mut trace.sensor_um,
+        &mut trace.displacement_um,
+        &mut trace.drive_v,
+    ] {
         column.reserve(n);
     }
     controller.enable();
     let mut acting_v = controller.drive_v();
     for k in 0..n {
-        trace.sensor_um.push(plant.sensor_um() - around.sensor_zero_um);
-        trace.displacement_um.push(plant.displacement_um() - around.displacement_zero_um);
-        let ahead_um = reference_um.get(k + PREVIEW_TICKS).or(reference_um.last()).copied().unwrap_or(0.0);
+        trace
+            .sensor_um
+            .push(plant.sensor_um() - around.sensor_zero_um);
+        trace
+            .displacement_um
+            .push(plant.displacement_um() - around.displacement_zero_um);
+        let ahead_um = reference_um
+            .get(k + PREVIEW_TICKS)
+            .or(reference_um.last())
+            .copied()
+            .unwrap_or(0.0);
         let noise_um = noise.next_um() + plant.next_coloured_um();
-        let adc_code = around.scale.adc_code(plant.sensor_um() - around.sensor_zero_um + noise_um);
+        let adc_code = around
+            .scale
+            .adc_code(plant.sensor_um() - around.sensor_zero_um + noise_um);
         let code = controller.tick(adc_code, ahead_um);
         let computed_v = around.scale.drive_v(code);
         trace.adc_codes.push(adc_code);
@@ -318,7 +353,13 @@ impl<'a> Experiment<'a> {
     /// On a variant of a bench, without disturbance.
     #[must_use]
     pub fn new(bench: &'a Bench, variant: Variant, seed: u64) -> Self {
-        Self { bench, variant, seed, substeps: bench::SUBSTEPS, external_um: &[] }
+        Self {
+            bench,
+            variant,
+            seed,
+            substeps: bench::SUBSTEPS,
+            external_um: &[],
+        }
     }
 
     /// Conditions the actuator and follows a reference. Of `parameters` the ADC's zero is replaced: the
@@ -341,7 +382,12 @@ impl<'a> Experiment<'a> {
     pub fn conditioned<C: Controller>(&self, mut controller: C) -> (bench::Plant, C, f64) {
         let mut plant = self.bench.plant_with_substeps(self.variant, self.substeps);
         let scale = self.bench.converter_scale();
-        condition(&mut plant, &mut controller, &scale, &self.bench.conditioning_drive_v());
+        condition(
+            &mut plant,
+            &mut controller,
+            &scale,
+            &self.bench.conditioning_drive_v(),
+        );
         let zero_um = plant.sensor_um();
         controller.take_scale(&scale.zeroed_at(zero_um));
         (plant, controller, zero_um)
@@ -350,7 +396,13 @@ impl<'a> Experiment<'a> {
     /// Goes on from a given state with the loop closed. The trace ends where the reference can no longer be
     /// looked ahead at.
     #[must_use]
-    pub fn follow_from(&self, mut plant: bench::Plant, mut controller: impl Controller, zero_um: f64, reference_um: &[f64]) -> Trace {
+    pub fn follow_from(
+        &self,
+        mut plant: bench::Plant,
+        mut controller: impl Controller,
+        zero_um: f64,
+        reference_um: &[f64],
+    ) -> Trace {
         let around = Surroundings {
             scale: self.bench.converter_scale().zeroed_at(zero_um),
             noise_um: self.bench.converters.sensor_noise_um,

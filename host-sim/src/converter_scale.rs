@@ -2,7 +2,9 @@
 //! tick.
 
 use hysteron_core::codes::{DriveCode, SensorCode};
-use hysteron_core::servo_parameters::{CODES_PER_VOLT_FRACTION_BITS, ConverterParameters, NO_SLEW_LIMIT};
+use hysteron_core::servo_parameters::{
+    CODES_PER_VOLT_FRACTION_BITS, ConverterParameters, NO_SLEW_LIMIT,
+};
 
 /// Scale of sensor and drive converters, and which drives are allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +49,10 @@ impl ConverterScale {
     /// The same converters with the sensor's zero moved to what is now `zero_um`.
     #[must_use]
     pub fn zeroed_at(self, zero_um: f64) -> Self {
-        Self { adc_zero_um: self.adc_zero_um - zero_um, ..self }
+        Self {
+            adc_zero_um: self.adc_zero_um - zero_um,
+            ..self
+        }
     }
 
     /// The sensor's code for a position.
@@ -66,7 +71,9 @@ impl ConverterScale {
     /// The drive's code for a voltage, within the limits of the actuator.
     #[must_use]
     pub fn dac_code(&self, drive_v: f64) -> DriveCode {
-        let code = ((drive_v.clamp(self.drive_min_v, self.drive_max_v) - self.dac_zero_v) / self.dac_lsb_v).round();
+        let code = ((drive_v.clamp(self.drive_min_v, self.drive_max_v) - self.dac_zero_v)
+            / self.dac_lsb_v)
+            .round();
         DriveCode::new(code.clamp(0.0, DriveCode::highest(self.dac_bits).into()) as u32)
     }
 
@@ -84,7 +91,8 @@ impl ConverterScale {
             adc_step: (self.adc_lsb_um * 2.0_f64.powi(40)).round() as i64,
             dac_zero: (self.dac_zero_v * 2.0_f64.powi(22)).round() as i32,
             dac_step: (self.dac_lsb_v * 2.0_f64.powi(38)).round() as i64,
-            dac_codes_per_volt: (2.0_f64.powi(CODES_PER_VOLT_FRACTION_BITS as i32) / self.dac_lsb_v).round() as i32,
+            dac_codes_per_volt: (2.0_f64.powi(CODES_PER_VOLT_FRACTION_BITS as i32) / self.dac_lsb_v)
+                .round() as i32,
             dac_code_min: self.dac_code(self.drive_min_v),
             dac_code_max: self.dac_code(self.drive_max_v),
             slew_codes: NO_SLEW_LIMIT,
@@ -104,8 +112,13 @@ mod tests {
         let scale = ConverterScale::around(-10.0, 90.0, 12.0);
         for share in [0.0, 0.123, 0.5, 0.999, 1.0] {
             let (drive_v, position_um) = (-10.0 + 100.0 * share, 12.0 * share);
-            assert!((scale.drive_v(scale.dac_code(drive_v)) - drive_v).abs() <= 0.5 * scale.dac_lsb_v);
-            assert!((scale.position_um(scale.adc_code(position_um)) - position_um).abs() <= 0.5 * scale.adc_lsb_um);
+            assert!(
+                (scale.drive_v(scale.dac_code(drive_v)) - drive_v).abs() <= 0.5 * scale.dac_lsb_v
+            );
+            assert!(
+                (scale.position_um(scale.adc_code(position_um)) - position_um).abs()
+                    <= 0.5 * scale.adc_lsb_um
+            );
         }
         assert_eq!(scale.dac_code(1e9), scale.dac_code(90.0));
         assert_eq!(scale.adc_code(1e9), SensorCode::highest(16));

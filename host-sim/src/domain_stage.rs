@@ -143,21 +143,28 @@ impl StructureTruth {
         }
         // Mass-normalised: M^-1/2 K M^-1/2 is symmetric.
         let root = mass.map(f64::sqrt);
-        let normalised: DMatrix<f64> = DMatrix::from_fn(n, n, |i, j| stiffness[(i, j)] / (root[i] * root[j]));
+        let normalised: DMatrix<f64> =
+            DMatrix::from_fn(n, n, |i, j| stiffness[(i, j)] / (root[i] * root[j]));
         let eigen = normalised.symmetric_eigen();
         let shape = |at: usize, mode: usize| eigen.eigenvectors[(at, mode)] / root[at];
-        let moved: Vec<f64> = (0..n).map(|m| shape(end, m) * (shape(end, m) - shape(0, m)) / eigen.eigenvalues[m]).collect();
+        let moved: Vec<f64> = (0..n)
+            .map(|m| shape(end, m) * (shape(end, m) - shape(0, m)) / eigen.eigenvalues[m])
+            .collect();
         let all: f64 = moved.iter().sum();
         let mode = |m: usize| {
             let w: f64 = eigen.eigenvalues[m].sqrt();
             StructureMode {
                 natural_frequency_rad_s: w,
-                damping_ratio: self.loss_damping_ratio + self.end_damper_n_s_m * shape(end, m).powi(2) / (2.0 * w),
+                damping_ratio: self.loss_damping_ratio
+                    + self.end_damper_n_s_m * shape(end, m).powi(2) / (2.0 * w),
                 share: moved[m] / all,
             }
         };
         let mut modes: Vec<StructureMode> = (0..n).map(mode).collect();
-        modes.sort_by(|a, b| a.natural_frequency_rad_s.total_cmp(&b.natural_frequency_rad_s));
+        modes.sort_by(|a, b| {
+            a.natural_frequency_rad_s
+                .total_cmp(&b.natural_frequency_rad_s)
+        });
         modes
     }
 }
@@ -197,18 +204,26 @@ impl Domains {
         let logit = |p: f64| (p / (1.0 - p)).ln();
         let domain = |n: u64| {
             let at = STEP.map(|step| (0.5 + step * n as f64).fract());
-            let coercive_v = truth.coercive_median_v * (truth.coercive_log_spread * logit(at[0])).exp();
+            let coercive_v =
+                truth.coercive_median_v * (truth.coercive_log_spread * logit(at[0])).exp();
             let bias_v = truth.bias_mean_v + truth.bias_spread_v * logit(at[1]);
             (bias_v + coercive_v, bias_v - coercive_v)
         };
         // Some draws lie outside the drive's range; a distribution that never meets it ends the search.
         let most = 1000 * truth.count.max(1) as u64;
-        let inside = (1..most).map(domain).filter(|(up, _)| *up > drive_min_v && *up <= drive_max_v).take(truth.count);
+        let inside = (1..most)
+            .map(domain)
+            .filter(|(up, _)| *up > drive_min_v && *up <= drive_max_v)
+            .take(truth.count);
         let numbered = (0u32..).zip(inside);
-        let (mut up_v, mut down_v): (Vec<_>, Vec<_>) = numbered.map(|(i, (up, down))| ((up, i), (down, i))).unzip();
+        let (mut up_v, mut down_v): (Vec<_>, Vec<_>) =
+            numbered.map(|(i, (up, down))| ((up, i), (down, i))).unzip();
         up_v.sort_by(|a, b| a.0.total_cmp(&b.0));
         down_v.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (count, below) = (up_v.len(), down_v.partition_point(|(v, _)| *v < drive_min_v));
+        let (count, below) = (
+            up_v.len(),
+            down_v.partition_point(|(v, _)| *v < drive_min_v),
+        );
         Self {
             thresholds: Arc::new(Thresholds { up_v, down_v }),
             is_up: vec![false; count],
@@ -236,13 +251,21 @@ impl Domains {
                 *fallen += 1;
             }
         } else {
-            while let Some((_, domain)) = fallen.checked_sub(1).and_then(|i| down_v.get(i)).filter(|(v, _)| *v >= drive_v) {
+            while let Some((_, domain)) = fallen
+                .checked_sub(1)
+                .and_then(|i| down_v.get(i))
+                .filter(|(v, _)| *v >= drive_v)
+            {
                 let state = &mut self.is_up[*domain as usize];
                 self.up -= u32::from(*state);
                 *state = false;
                 *fallen -= 1;
             }
-            while risen.checked_sub(1).and_then(|i| up_v.get(i)).is_some_and(|(v, _)| *v > drive_v) {
+            while risen
+                .checked_sub(1)
+                .and_then(|i| up_v.get(i))
+                .is_some_and(|(v, _)| *v > drive_v)
+            {
                 *risen -= 1;
             }
         }
@@ -269,10 +292,18 @@ pub(crate) struct DomainCreep {
 
 impl DomainCreep {
     pub(crate) fn new(truth: &DomainCreepTruth, dt_s: f64) -> Self {
-        let strains: Vec<(f64, f64)> =
-            truth.shares.iter().zip(&truth.time_constants_s).map(|(share, tau_s)| (*share, dt_s / tau_s.max(dt_s))).collect();
+        let strains: Vec<(f64, f64)> = truth
+            .shares
+            .iter()
+            .zip(&truth.time_constants_s)
+            .map(|(share, tau_s)| (*share, dt_s / tau_s.max(dt_s)))
+            .collect();
         let states_um = vec![0.0; strains.len()];
-        Self { strains, activation_um: truth.activation_um, states_um }
+        Self {
+            strains,
+            activation_um: truth.activation_um,
+            states_um,
+        }
     }
 
     /// One step under what the domains have switched; what has crept, um.
@@ -304,7 +335,9 @@ impl ColouredNoise {
         let lines = truth.line_hz.iter().zip(&truth.line_um);
         Self {
             flicker: FlickerNoise::new(truth.flicker_um_per_root_hz, sample_rate_hz, seed ^ 0xf11c),
-            lines: lines.map(|(hz, um)| (*um, TAU * random.random::<f64>(), TAU * hz / sample_rate_hz)).collect(),
+            lines: lines
+                .map(|(hz, um)| (*um, TAU * random.random::<f64>(), TAU * hz / sample_rate_hz))
+                .collect(),
         }
     }
 
@@ -330,13 +363,21 @@ pub(crate) struct DomainStage {
 
 impl DomainStage {
     /// At rest, never driven.
-    pub(crate) fn virgin(truth: &DomainTruth, (drive_min_v, drive_max_v): (f64, f64), load_kg: f64, dt_s: f64) -> Self {
+    pub(crate) fn virgin(
+        truth: &DomainTruth,
+        (drive_min_v, drive_max_v): (f64, f64),
+        load_kg: f64,
+        dt_s: f64,
+    ) -> Self {
         let modes = truth.structure.modes(load_kg);
         let kept = modes.iter().take(MODES);
         let all: f64 = kept.clone().map(|m| m.share).sum();
         let system = |m: &StructureMode| {
             let w = m.natural_frequency_rad_s;
-            let mode = ContinuousSystem::from_transfer_function(&[w * w], &[1.0, 2.0 * m.damping_ratio * w, w * w])?;
+            let mode = ContinuousSystem::from_transfer_function(
+                &[w * w],
+                &[1.0, 2.0 * m.damping_ratio * w, w * w],
+            )?;
             Some((m.share / all, FixedSystem::new(&mode.discretise(dt_s))?))
         };
         Self {
@@ -350,7 +391,10 @@ impl DomainStage {
     /// um.
     pub(crate) fn move_by(&mut self, force_um: f64) -> f64 {
         let crept_um = self.creep.step(self.domains.switched_um());
-        self.modes.iter_mut().map(|(share, mode)| *share * mode.step_held(force_um + crept_um)).sum()
+        self.modes
+            .iter_mut()
+            .map(|(share, mode)| *share * mode.step_held(force_um + crept_um))
+            .sum()
     }
 }
 
@@ -391,25 +435,44 @@ mod tests {
     /// end-effector.
     #[test]
     fn modes_of_two_masses_are_those_of_the_closed_form() {
-        let structure = StructureTruth { stack_elements: 1, stack_mass_kg: 0.0, ..truth().structure };
+        let structure = StructureTruth {
+            stack_elements: 1,
+            stack_mass_kg: 0.0,
+            ..truth().structure
+        };
         let (m0, m1) = (structure.base_mass_kg, structure.end_mass_kg);
-        let (k0, k, k1) = (structure.base_stiffness_n_m, structure.stack_stiffness_n_m, structure.flexure_stiffness_n_m);
+        let (k0, k, k1) = (
+            structure.base_stiffness_n_m,
+            structure.stack_stiffness_n_m,
+            structure.flexure_stiffness_n_m,
+        );
         let (a, b) = ((k0 + k) / m0, (k + k1) / m1);
         let root = ((a - b).powi(2) + 4.0 * k * k / (m0 * m1)).sqrt();
         let modes = structure.modes(0.0);
-        for (mode, square) in modes.iter().zip([0.5 * (a + b - root), 0.5 * (a + b + root)]) {
+        for (mode, square) in modes
+            .iter()
+            .zip([0.5 * (a + b - root), 0.5 * (a + b + root)])
+        {
             assert!((mode.natural_frequency_rad_s / square.sqrt() - 1.0).abs() < 1e-9);
         }
         assert!((modes.iter().map(|m| m.share).sum::<f64>() - 1.0).abs() < 1e-12);
         // A rigid contact adds the load's mass.
-        let stiff = StructureTruth { load_contact_n_m: 1e13, base_stiffness_n_m: 1e13, ..structure.clone() };
+        let stiff = StructureTruth {
+            load_contact_n_m: 1e13,
+            base_stiffness_n_m: 1e13,
+            ..structure.clone()
+        };
         let expected = ((k + k1) / (m1 + 0.1421)).sqrt();
         assert!((stiff.modes(0.1421)[0].natural_frequency_rad_s / expected - 1.0).abs() < 1e-4);
     }
 
     #[test]
     fn creep_ends_where_the_domains_left_it() {
-        let truth = DomainCreepTruth { shares: vec![0.1], time_constants_s: vec![0.02], activation_um: 0.06 };
+        let truth = DomainCreepTruth {
+            shares: vec![0.1],
+            time_constants_s: vec![0.02],
+            activation_um: 0.06,
+        };
         let mut creep = DomainCreep::new(&truth, 1e-4);
         let mut crept = 0.0;
         (0..20_000).for_each(|_| crept = creep.step(3.0));
@@ -417,6 +480,9 @@ mod tests {
         // Near its equilibrium it is a first-order lag.
         let mut near = DomainCreep::new(&truth, 1e-4);
         (0..200).for_each(|_| crept = near.step(0.001));
-        assert!((crept / 1e-4 - (1.0 - (-1.0f64).exp())).abs() < 1e-3, "{crept}");
+        assert!(
+            (crept / 1e-4 - (1.0 - (-1.0f64).exp())).abs() < 1e-3,
+            "{crept}"
+        );
     }
 }

@@ -64,7 +64,11 @@ impl Dahl {
     pub fn of(sliding_bend_um: f64) -> Self {
         Self {
             sliding_bend_um: sliding_bend_um.max(0.0),
-            per_sliding_bend: if sliding_bend_um > 0.0 { 1.0 / sliding_bend_um } else { f64::MAX },
+            per_sliding_bend: if sliding_bend_um > 0.0 {
+                1.0 / sliding_bend_um
+            } else {
+                f64::MAX
+            },
         }
     }
 
@@ -91,13 +95,17 @@ impl Dahl {
         let may_take_um = stiffness * room_um;
         // It slides, or as good as that.
         if room_um <= SLIDES_WITHIN * self.sliding_bend_um && imbalance_um > may_take_um {
-            return (direction * (imbalance_um - may_take_um).max(0.0), direction * self.sliding_bend_um);
+            return (
+                direction * (imbalance_um - may_take_um).max(0.0),
+                direction * self.sliding_bend_um,
+            );
         }
         let stiffness_now = may_take_um * self.per_sliding_bend;
         let per_slope_now = 1.0 / (1.0 + stiffness_now);
         // As it bends now, and a little more for its curvature.
         let straight_um = imbalance_um * per_slope_now;
-        let curved_um = straight_um * (1.0 + 0.5 * straight_um * self.per_sliding_bend * stiffness_now * per_slope_now);
+        let curved_um = straight_um
+            * (1.0 + 0.5 * straight_um * self.per_sliding_bend * stiffness_now * per_slope_now);
         let mut motion_um = curved_um.min(imbalance_um).max(imbalance_um - may_take_um);
         let mut left = 1.0;
         for _ in 0..BALANCING_STEPS_MAX {
@@ -107,7 +115,8 @@ impl Dahl {
             let per_slope = 1.0 / (1.0 + slope);
             let newton_um = excess_um * per_slope;
             // The curvature of the bristle is `slope / z_s`, downward.
-            let further_um = -newton_um * (1.0 - 0.5 * newton_um * slope * self.per_sliding_bend * per_slope);
+            let further_um =
+                -newton_um * (1.0 - 0.5 * newton_um * slope * self.per_sliding_bend * per_slope);
             motion_um += further_um;
             // So short a way is a parabola.
             let further = further_um * self.per_sliding_bend;
@@ -116,7 +125,10 @@ impl Dahl {
                 break;
             }
         }
-        (direction * motion_um, direction * (self.sliding_bend_um - room_um * left))
+        (
+            direction * motion_um,
+            direction * (self.sliding_bend_um - room_um * left),
+        )
     }
 }
 
@@ -134,7 +146,9 @@ impl ElastoplasticFriction {
     /// The printed equation holds for positive `z`; by symmetry it is used with `|z|`.
     #[must_use]
     pub fn plastic_share(&self, bend_um: f64, velocity_um_s: f64) -> f64 {
-        let Some(breakaway_ratio) = self.breakaway_ratio else { return 1.0 };
+        let Some(breakaway_ratio) = self.breakaway_ratio else {
+            return 1.0;
+        };
         if bend_um * velocity_um_s <= 0.0 {
             return 0.0;
         }
@@ -145,7 +159,9 @@ impl ElastoplasticFriction {
         } else if size_um >= sliding_um {
             1.0
         } else {
-            0.5 + 0.5 * (PI * (size_um - 0.5 * (sliding_um + breakaway_um)) / (sliding_um - breakaway_um)).sin()
+            0.5 + 0.5
+                * (PI * (size_um - 0.5 * (sliding_um + breakaway_um)) / (sliding_um - breakaway_um))
+                    .sin()
         }
     }
 
@@ -156,7 +172,10 @@ impl ElastoplasticFriction {
         let sliding_um = self.sliding_bend_um();
         let Some(breakaway_ratio) = self.breakaway_ratio else {
             let direction = if velocity_um_s < 0.0 { -1.0 } else { 1.0 };
-            return (1.0 - direction * bend_um / sliding_um, -direction / sliding_um);
+            return (
+                1.0 - direction * bend_um / sliding_um,
+                -direction / sliding_um,
+            );
         };
         let plastic = self.plastic_share(bend_um, velocity_um_s);
         if plastic == 0.0 {
@@ -169,7 +188,10 @@ impl ElastoplasticFriction {
         } else {
             0.0
         };
-        (1.0 - plastic * size_um / sliding_um, -bend_um.signum() * (slope * size_um + plastic) / sliding_um)
+        (
+            1.0 - plastic * size_um / sliding_um,
+            -bend_um.signum() * (slope * size_um + plastic) / sliding_um,
+        )
     }
 
     /// Rate of the bend, um/s (Ch. 3, Eq. 3): `velocity` is that of the driving surface relative to the
@@ -196,7 +218,9 @@ impl ElastoplasticFriction {
         if travel_um == 0.0 || sliding_um <= 0.0 {
             return bend_um.clamp(-sliding_um.max(0.0), sliding_um.max(0.0));
         }
-        let Some(breakaway_ratio) = self.breakaway_ratio else { return Dahl::of(sliding_um).bend_after(bend_um, travel_um) };
+        let Some(breakaway_ratio) = self.breakaway_ratio else {
+            return Dahl::of(sliding_um).bend_after(bend_um, travel_um);
+        };
         // Mirror so that the motion is upward.
         let direction = travel_um.signum();
         let (mut bend, mut left) = (bend_um * direction, travel_um.abs());
@@ -216,7 +240,8 @@ impl ElastoplasticFriction {
         let reach_um = left.min(20.0 * sliding_um);
         while travelled_um < reach_um && bend < sliding_um {
             let step_um = (0.05 * width_um + 0.1 * travelled_um).min(reach_um - travelled_um);
-            let middle = bend + 0.5 * step_um * self.elastic_share(bend.max(f64::MIN_POSITIVE), 1.0).0;
+            let middle =
+                bend + 0.5 * step_um * self.elastic_share(bend.max(f64::MIN_POSITIVE), 1.0).0;
             bend += step_um * self.elastic_share(middle.max(f64::MIN_POSITIVE), 1.0).0;
             travelled_um += step_um;
         }
@@ -228,15 +253,23 @@ impl ElastoplasticFriction {
 mod tests {
     use super::*;
 
-    const CONTACT: ElastoplasticFriction =
-        ElastoplasticFriction { stiffness_n_um: 0.482, damping_n_s_um: 2.73e-4, coulomb_force_n: 0.0362, breakaway_ratio: Some(0.801) };
+    const CONTACT: ElastoplasticFriction = ElastoplasticFriction {
+        stiffness_n_um: 0.482,
+        damping_n_s_um: 2.73e-4,
+        coulomb_force_n: 0.0362,
+        breakaway_ratio: Some(0.801),
+    };
 
     #[test]
     fn elastic_below_breakaway_and_coulomb_beyond() {
         let sliding = CONTACT.sliding_bend_um();
         assert_eq!(CONTACT.bend_rate(0.5 * sliding, 3.0), 3.0);
         assert!(CONTACT.bend_rate(sliding, 3.0).abs() < 1e-12);
-        assert_eq!(CONTACT.bend_rate(sliding, -3.0), -3.0, "unloading is elastic");
+        assert_eq!(
+            CONTACT.bend_rate(sliding, -3.0),
+            -3.0,
+            "unloading is elastic"
+        );
         assert!((CONTACT.force_n(CONTACT.bend_after(0.0, 10.0), 0.0) - 0.0362).abs() < 1e-6);
         assert!((CONTACT.force_n(CONTACT.bend_after(0.0, -10.0), 0.0) + 0.0362).abs() < 1e-6);
     }
@@ -244,11 +277,22 @@ mod tests {
     #[test]
     fn slope_of_the_elastic_share_is_its_derivative() {
         let sliding = CONTACT.sliding_bend_um();
-        for (share, velocity) in [(0.82, 1.0), (0.9, 1.0), (0.97, 1.0), (-0.85, -1.0), (-0.95, -1.0)] {
+        for (share, velocity) in [
+            (0.82, 1.0),
+            (0.9, 1.0),
+            (0.97, 1.0),
+            (-0.85, -1.0),
+            (-0.95, -1.0),
+        ] {
             let z = share * sliding;
-            let numeric = (CONTACT.elastic_share(z + 1e-7, velocity).0 - CONTACT.elastic_share(z - 1e-7, velocity).0) / 2e-7;
+            let numeric = (CONTACT.elastic_share(z + 1e-7, velocity).0
+                - CONTACT.elastic_share(z - 1e-7, velocity).0)
+                / 2e-7;
             let (_, slope) = CONTACT.elastic_share(z, velocity);
-            assert!((numeric - slope).abs() < 1e-3 * slope.abs(), "{share}: {numeric} {slope}");
+            assert!(
+                (numeric - slope).abs() < 1e-3 * slope.abs(),
+                "{share}: {numeric} {slope}"
+            );
         }
     }
 
@@ -259,7 +303,13 @@ mod tests {
             // The first term that is left out comes to 2e-14.
             assert!((dying(x) - (-x).exp()).abs() < 3e-14, "{x}");
         }
-        assert_eq!((Dahl::of(0.0).bend_after(0.0, 0.0), Dahl::of(0.0).bend_after(0.0, 3.0)), (0.0, 0.0));
+        assert_eq!(
+            (
+                Dahl::of(0.0).bend_after(0.0, 0.0),
+                Dahl::of(0.0).bend_after(0.0, 3.0)
+            ),
+            (0.0, 0.0)
+        );
     }
 
     #[test]
@@ -269,14 +319,24 @@ mod tests {
             for bend in [-0.1, -0.03, 0.0, 0.06, 0.0999, 0.1] {
                 for unbalanced in [-3.0, -0.2, -1e-3, 1e-7, 0.004, 0.15, 8.0] {
                     let (motion, after) = dahl.balanced(stiffness, bend, unbalanced);
-                    assert!((after - dahl.bend_after(bend, motion)).abs() < 1e-9, "{stiffness} {bend} {unbalanced}: {motion} {after}");
+                    assert!(
+                        (after - dahl.bend_after(bend, motion)).abs() < 1e-9,
+                        "{stiffness} {bend} {unbalanced}: {motion} {after}"
+                    );
                     let (mut low, mut high) = (0.0_f64.min(unbalanced), 0.0_f64.max(unbalanced));
                     for _ in 0..80 {
                         let middle = 0.5 * (low + high);
                         let taken = middle + stiffness * (dahl.bend_after(bend, middle) - bend);
-                        if taken < unbalanced { low = middle } else { high = middle }
+                        if taken < unbalanced {
+                            low = middle
+                        } else {
+                            high = middle
+                        }
                     }
-                    assert!((motion - low).abs() < 1e-9, "{stiffness} {bend} {unbalanced}: {motion} {low}");
+                    assert!(
+                        (motion - low).abs() < 1e-9,
+                        "{stiffness} {bend} {unbalanced}: {motion} {low}"
+                    );
                 }
             }
         }
@@ -284,13 +344,21 @@ mod tests {
 
     #[test]
     fn the_law_without_time_is_the_law_in_time() {
-        for contact in [CONTACT, ElastoplasticFriction { breakaway_ratio: None, ..CONTACT }] {
+        for contact in [
+            CONTACT,
+            ElastoplasticFriction {
+                breakaway_ratio: None,
+                ..CONTACT
+            },
+        ] {
             let mut bend = -0.03;
             let (velocity, dt, travel) = (40.0, 1e-7, 0.09);
             for _ in 0..(travel / velocity / dt) as usize {
                 bend += dt * contact.bend_rate(bend, velocity);
             }
-            assert!((contact.bend_after(-0.03, travel) - bend).abs() < 1e-4 * contact.sliding_bend_um());
+            assert!(
+                (contact.bend_after(-0.03, travel) - bend).abs() < 1e-4 * contact.sliding_bend_um()
+            );
         }
     }
 }

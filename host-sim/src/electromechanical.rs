@@ -38,7 +38,12 @@ impl Electromechanical {
             capacitance_f: 1.8e-6,
             ratio_n_v: 5.0,
             stiffness_n_m: 4.5e7,
-            elements: vec![(4e-6, 8e-6), (4e-6, 2e-5), (3e-6, 3e-5), (4e-6, f64::INFINITY)],
+            elements: vec![
+                (4e-6, 8e-6),
+                (4e-6, 2e-5),
+                (3e-6, 3e-5),
+                (4e-6, f64::INFINITY),
+            ],
             leakage_ohm,
         }
     }
@@ -66,13 +71,22 @@ impl ElectromechanicalState {
     /// Never driven.
     #[must_use]
     pub fn virgin(model: &Electromechanical) -> Self {
-        Self { element_c: vec![0.0; model.elements.len()], model: model.clone(), hysteretic_v: 0.0, leaked_c: 0.0 }
+        Self {
+            element_c: vec![0.0; model.elements.len()],
+            model: model.clone(),
+            hysteretic_v: 0.0,
+            leaked_c: 0.0,
+        }
     }
 
     /// Charges of the elements once the hysteretic voltage has gone to a value.
     fn charges_at(&self, hysteretic_v: f64) -> impl Iterator<Item = f64> + '_ {
         let change_v = hysteretic_v - self.hysteretic_v;
-        self.model.elements.iter().zip(&self.element_c).map(move |((c, slips), q)| (q + c * change_v).clamp(-slips, *slips))
+        self.model
+            .elements
+            .iter()
+            .zip(&self.element_c)
+            .map(move |((c, slips), q)| (q + c * change_v).clamp(-slips, *slips))
     }
 
     /// Charge per volt of the linear part with the mechanics at rest: `C + T^2 / k`.
@@ -90,11 +104,25 @@ impl ElectromechanicalState {
         let hysteretic_v = match drive {
             // H(u_h) = q(u - u_h): one side rises with u_h, the other falls, so bisection between bounds that
             // hold the root.
-            Drive::Voltage(u) => root(|v| self.charges_at(v).sum::<f64>() - charge_of(u - v), self.hysteretic_v, u),
+            Drive::Voltage(u) => root(
+                |v| self.charges_at(v).sum::<f64>() - charge_of(u - v),
+                self.hysteretic_v,
+                u,
+            ),
             Drive::Charge(supplied_c) => {
                 let charge_c = supplied_c - self.leaked_c;
-                let guess_v = self.hysteretic_v + charge_c / m.elements.iter().map(|(c, _)| c).sum::<f64>().max(f64::MIN_POSITIVE);
-                root(|v| self.charges_at(v).sum::<f64>() - charge_c, self.hysteretic_v, guess_v)
+                let guess_v = self.hysteretic_v
+                    + charge_c
+                        / m.elements
+                            .iter()
+                            .map(|(c, _)| c)
+                            .sum::<f64>()
+                            .max(f64::MIN_POSITIVE);
+                root(
+                    |v| self.charges_at(v).sum::<f64>() - charge_c,
+                    self.hysteretic_v,
+                    guess_v,
+                )
             }
         };
         let charges: Vec<f64> = self.charges_at(hysteretic_v).collect();
@@ -119,7 +147,10 @@ fn root(f: impl Fn(f64) -> f64, a: f64, b: f64) -> f64 {
         if f(low) <= 0.0 && f(high) >= 0.0 {
             break;
         }
-        (low, high) = (if f(low) > 0.0 { low - width } else { low }, if f(high) < 0.0 { high + width } else { high });
+        (low, high) = (
+            if f(low) > 0.0 { low - width } else { low },
+            if f(high) < 0.0 { high + width } else { high },
+        );
         width *= 2.0;
     }
     for _ in 0..200 {
@@ -127,7 +158,11 @@ fn root(f: impl Fn(f64) -> f64, a: f64, b: f64) -> f64 {
         if middle <= low || middle >= high {
             break;
         }
-        if f(middle) < 0.0 { low = middle } else { high = middle }
+        if f(middle) < 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     0.5 * (low + high)
 }
@@ -145,7 +180,9 @@ mod tests {
         let mut state = ElectromechanicalState::virgin(&piezo());
         let mut go = |from: i32, to: i32| -> Vec<f64> {
             let way = (to - from).signum();
-            (1..=(to - from).abs()).map(|k| state.step(drive(f64::from(from + way * k) / 200.0), 0.0, 1e-4)).collect()
+            (1..=(to - from).abs())
+                .map(|k| state.step(drive(f64::from(from + way * k) / 200.0), 0.0, 1e-4))
+                .collect()
         };
         go(0, 200);
         let (down, up) = (go(200, 0), go(0, 200));
@@ -157,7 +194,10 @@ mod tests {
         let (opening, travel) = opening_and_travel(|share| Drive::Voltage(100.0 * share));
         assert!(opening > 0.03 * travel, "{opening:e} {travel:e}");
         let (opening, travel) = opening_and_travel(|share| Drive::Charge(1.5e-4 * share));
-        assert!(travel > 1e-6 && opening < 1e-6 * travel, "{opening:e} {travel:e}");
+        assert!(
+            travel > 1e-6 && opening < 1e-6 * travel,
+            "{opening:e} {travel:e}"
+        );
     }
 
     /// Oracle: the balance of Eqs. 6 to 11, written out again from what came out.
@@ -170,21 +210,34 @@ mod tests {
             let y = state.step(Drive::Voltage(u), external_n, 1e-4);
             let linear_v = (model.stiffness_n_m * y + external_n) / model.ratio_n_v;
             let charge_c = model.capacitance_f * linear_v + model.ratio_n_v * y;
-            assert!((state.element_c.iter().sum::<f64>() - charge_c).abs() < 1e-12, "{k}");
+            assert!(
+                (state.element_c.iter().sum::<f64>() - charge_c).abs() < 1e-12,
+                "{k}"
+            );
             assert!((linear_v + state.hysteretic_v - u).abs() < 1e-9);
         }
     }
 
     #[test]
     fn charge_that_is_held_leaks() {
-        let model = Electromechanical { leakage_ohm: 1e6, elements: vec![(1e-5, f64::INFINITY)], ..piezo() };
+        let model = Electromechanical {
+            leakage_ohm: 1e6,
+            elements: vec![(1e-5, f64::INFINITY)],
+            ..piezo()
+        };
         let mut state = ElectromechanicalState::virgin(&model);
         let first = state.step(Drive::Charge(1e-4), 0.0, 1e-3);
         let mut last = first;
         (0..2000).for_each(|_| last = state.step(Drive::Charge(1e-4), 0.0, 1e-3));
         // Without slip the two capacitances are in series behind the resistance: a first-order lag.
-        let series_f = 1.0 / (1.0 / 1e-5 + 1.0 / (model.capacitance_f + model.ratio_n_v.powi(2) / model.stiffness_n_m));
+        let series_f = 1.0
+            / (1.0 / 1e-5
+                + 1.0 / (model.capacitance_f + model.ratio_n_v.powi(2) / model.stiffness_n_m));
         let expected = (-2.0 / (1e6 * series_f)).exp();
-        assert!((last / first - expected).abs() < 2e-3, "{} {expected}", last / first);
+        assert!(
+            (last / first - expected).abs() < 2e-3,
+            "{} {expected}",
+            last / first
+        );
     }
 }

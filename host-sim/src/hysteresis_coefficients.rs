@@ -31,8 +31,15 @@ pub struct CoefficientWalk {
 #[derive(Clone, Debug)]
 enum Section {
     InitialCurve,
-    Falling { maximum: f64, factors: Vec<f64> },
-    Rising { minimum: f64, factors: Vec<f64>, began: Vec<f64> },
+    Falling {
+        maximum: f64,
+        factors: Vec<f64>,
+    },
+    Rising {
+        minimum: f64,
+        factors: Vec<f64>,
+        began: Vec<f64>,
+    },
 }
 
 /// Shifted Legendre polynomials at `x`, as many as `out` has room for.
@@ -42,7 +49,10 @@ fn evaluate_legendre(x: f64, out: &mut [f64]) {
     for (n, value) in out.iter_mut().enumerate() {
         *value = previous;
         let m = (n + 1) as f64;
-        (previous, current) = (current, ((2.0 * m + 1.0) * t * current - m * previous) / (m + 1.0));
+        (previous, current) = (
+            current,
+            ((2.0 * m + 1.0) * t * current - m * previous) / (m + 1.0),
+        );
     }
 }
 
@@ -72,9 +82,15 @@ impl CoefficientWalk {
     /// Takes the next input, in units of the drive range above its lower limit, and returns the contribution
     /// of every coefficient.
     pub fn step(&mut self, x: f64) -> &[f64] {
-        let before = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
+        let before = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_none(),
+        );
         let unchanged = self.stack.update(x);
-        let after = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
+        let after = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_none(),
+        );
         if before != after || unchanged != after.0 {
             self.enter_section(unchanged);
         }
@@ -108,16 +124,34 @@ impl CoefficientWalk {
                 }
             }
             Section::Falling { maximum, factors } => {
-                let Some(began) = self.at_maxima.last() else { return };
+                let Some(began) = self.at_maxima.last() else {
+                    return;
+                };
                 let height = maximum - x;
-                for (((out, began), factor), (_, j)) in self.contributions.iter_mut().zip(began).zip(factors).zip(&self.terms) {
+                for (((out, began), factor), (_, j)) in self
+                    .contributions
+                    .iter_mut()
+                    .zip(began)
+                    .zip(factors)
+                    .zip(&self.terms)
+                {
                     *out = began - height * factor * p[*j];
                 }
                 self.contributions[loops..].copy_from_slice(&began[loops..]);
             }
-            Section::Rising { minimum, factors, began } => {
+            Section::Rising {
+                minimum,
+                factors,
+                began,
+            } => {
                 let height = x - minimum;
-                for (((out, began), factor), (i, _)) in self.contributions.iter_mut().zip(began).zip(factors).zip(&self.terms) {
+                for (((out, began), factor), (i, _)) in self
+                    .contributions
+                    .iter_mut()
+                    .zip(began)
+                    .zip(factors)
+                    .zip(&self.terms)
+                {
                     *out = began + height * factor * p[*i];
                 }
                 self.contributions[loops..].copy_from_slice(&began[loops..]);
@@ -128,17 +162,30 @@ impl CoefficientWalk {
     fn initial_curve(&self, x: f64) -> Vec<f64> {
         let mut p = vec![0.0; self.polynomials.len()];
         evaluate_legendre(x, &mut p);
-        let loops = self.terms.iter().map(|(i, j)| x * p[*i] * legendre_at_zero(*j));
-        loops.chain(p.iter().take(self.remnant_terms).map(|p| x * p)).collect()
+        let loops = self
+            .terms
+            .iter()
+            .map(|(i, j)| x * p[*i] * legendre_at_zero(*j));
+        loops
+            .chain(p.iter().take(self.remnant_terms).map(|p| x * p))
+            .collect()
     }
 
     /// `G(x, z)` of every coefficient; nothing for those of the remnant.
     fn loop_loss(&self, x: f64, z: f64) -> Vec<f64> {
-        let (mut at_x, mut at_z) = (vec![0.0; self.polynomials.len()], vec![0.0; self.polynomials.len()]);
+        let (mut at_x, mut at_z) = (
+            vec![0.0; self.polynomials.len()],
+            vec![0.0; self.polynomials.len()],
+        );
         evaluate_legendre(x, &mut at_x);
         evaluate_legendre(z, &mut at_z);
-        let loops = self.terms.iter().map(|(i, j)| (x - z) * at_x[*i] * at_z[*j]);
-        loops.chain(std::iter::repeat_n(0.0, self.remnant_terms)).collect()
+        let loops = self
+            .terms
+            .iter()
+            .map(|(i, j)| (x - z) * at_x[*i] * at_z[*j]);
+        loops
+            .chain(std::iter::repeat_n(0.0, self.remnant_terms))
+            .collect()
     }
 
     /// The section that runs now; `unchanged` leading pairs of the stack are those of the section before.
@@ -156,8 +203,16 @@ impl CoefficientWalk {
                 None => self.initial_curve_at_maximum(),
                 Some(before) => {
                     let pair = pairs[before];
-                    let (down, up) = (self.loop_loss(pair.maximum, pair.minimum), self.loop_loss(maximum, pair.minimum));
-                    self.at_maxima[before].iter().zip(down).zip(up).map(|((at, down), up)| at - down + up).collect()
+                    let (down, up) = (
+                        self.loop_loss(pair.maximum, pair.minimum),
+                        self.loop_loss(maximum, pair.minimum),
+                    );
+                    self.at_maxima[before]
+                        .iter()
+                        .zip(down)
+                        .zip(up)
+                        .map(|((at, down), up)| at - down + up)
+                        .collect()
                 }
             };
             self.at_maxima.push(contributions);
@@ -166,14 +221,23 @@ impl CoefficientWalk {
         match (open_maximum, pairs.last()) {
             (Some(maximum), _) => {
                 evaluate_legendre(maximum, &mut p);
-                self.section = Section::Falling { maximum, factors: self.terms.iter().map(|(i, _)| p[*i]).collect() };
+                self.section = Section::Falling {
+                    maximum,
+                    factors: self.terms.iter().map(|(i, _)| p[*i]).collect(),
+                };
             }
             (None, Some(last)) => {
                 let down = self.loop_loss(last.maximum, last.minimum);
-                let began = self.at_maxima.last().map_or_else(Vec::new, |at| at.iter().zip(down).map(|(at, down)| at - down).collect());
+                let began = self.at_maxima.last().map_or_else(Vec::new, |at| {
+                    at.iter().zip(down).map(|(at, down)| at - down).collect()
+                });
                 evaluate_legendre(last.minimum, &mut p);
                 let factors = self.terms.iter().map(|(_, j)| p[*j]).collect();
-                self.section = Section::Rising { minimum: last.minimum, factors, began };
+                self.section = Section::Rising {
+                    minimum: last.minimum,
+                    factors,
+                    began,
+                };
             }
             (None, None) => {}
         }

@@ -41,7 +41,12 @@ impl HysteresisInverse {
     #[must_use]
     pub fn new(mut model: OneSidedHysteresis, lower_limit_v: f64, range_v: f64) -> Self {
         let output_um = model.step(lower_limit_v);
-        Self { model, lower_limit_v, range_v, output_um }
+        Self {
+            model,
+            lower_limit_v,
+            range_v,
+            output_um,
+        }
     }
 
     /// The memory after all answers so far.
@@ -58,7 +63,11 @@ impl HysteresisInverse {
     pub fn step(&mut self, desired_um: f64) -> InverseDrive {
         let rising = desired_um > self.output_um;
         if desired_um == self.output_um {
-            return InverseDrive { drive_v: self.at(self.model.stack().input()), output_um: self.output_um, saturated: false };
+            return InverseDrive {
+                drive_v: self.at(self.model.stack().input()),
+                output_um: self.output_um,
+                saturated: false,
+            };
         }
         loop {
             let stack = self.model.stack();
@@ -74,15 +83,27 @@ impl HysteresisInverse {
                 stored.map_or(0.0, |pair| pair.minimum)
             };
             if (end - from).abs() <= TOLERANCE {
-                let at_limit = if rising { from >= 1.0 - TOLERANCE } else { from <= TOLERANCE };
+                let at_limit = if rising {
+                    from >= 1.0 - TOLERANCE
+                } else {
+                    from <= TOLERANCE
+                };
                 if at_limit || !self.wipe(end, rising) {
-                    return InverseDrive { drive_v: self.at(from), output_um: self.output_um, saturated: true };
+                    return InverseDrive {
+                        drive_v: self.at(from),
+                        output_um: self.output_um,
+                        saturated: true,
+                    };
                 }
                 continue;
             }
             let mut beyond = self.model.clone();
             let end_um = beyond.step(self.at(end));
-            let outside = if rising { desired_um > end_um } else { desired_um < end_um };
+            let outside = if rising {
+                desired_um > end_um
+            } else {
+                desired_um < end_um
+            };
             if outside {
                 self.model = beyond;
                 self.output_um = end_um;
@@ -93,16 +114,31 @@ impl HysteresisInverse {
             let x = solve(inside.section().0, from, end, desired_um);
             let drive_v = self.at(x);
             self.output_um = self.model.step(drive_v);
-            return InverseDrive { drive_v, output_um: self.output_um, saturated: false };
+            return InverseDrive {
+                drive_v,
+                output_um: self.output_um,
+                saturated: false,
+            };
         }
     }
 
     /// Steps exactly onto a stored extremum so that it is wiped out; tells whether that changed the memory.
     fn wipe(&mut self, end: f64, rising: bool) -> bool {
-        let before = (self.model.stack().pairs().len(), self.model.stack().open_maximum().is_some());
-        let nudged = if rising { end + 2.0 * TOLERANCE } else { end - 2.0 * TOLERANCE };
+        let before = (
+            self.model.stack().pairs().len(),
+            self.model.stack().open_maximum().is_some(),
+        );
+        let nudged = if rising {
+            end + 2.0 * TOLERANCE
+        } else {
+            end - 2.0 * TOLERANCE
+        };
         self.output_um = self.model.step(self.at(nudged.clamp(0.0, 1.0)));
-        before != (self.model.stack().pairs().len(), self.model.stack().open_maximum().is_some())
+        before
+            != (
+                self.model.stack().pairs().len(),
+                self.model.stack().open_maximum().is_some(),
+            )
     }
 }
 
@@ -124,7 +160,11 @@ fn solve(polynomial: &[f64], from: f64, end: f64, desired: f64) -> f64 {
             low = x;
         }
         let newton = x - (value - desired) / slope;
-        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
         if (next - x).abs() < TOLERANCE {
             return next;
         }
@@ -142,7 +182,11 @@ mod tests {
 
     fn reference() -> OneSidedHysteresis {
         let bench = Bench::reference().unwrap();
-        OneSidedHysteresis::virgin(Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, 80.0), 0.0, 80.0)
+        OneSidedHysteresis::virgin(
+            Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, 80.0),
+            0.0,
+            80.0,
+        )
     }
 
     #[test]

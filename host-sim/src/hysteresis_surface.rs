@@ -65,7 +65,9 @@ impl Surfaces {
     #[must_use]
     pub fn from_legendre(degree: usize, g_terms: &[f64], r_terms: &[f64]) -> Self {
         let mut inner = vec![vec![0.0; degree]; degree];
-        let legendre: Vec<Vec<f64>> = (0..degree.max(r_terms.len())).map(shifted_legendre).collect();
+        let legendre: Vec<Vec<f64>> = (0..degree.max(r_terms.len()))
+            .map(shifted_legendre)
+            .collect();
         for ((i, j), value) in loop_terms(degree).zip(g_terms) {
             for (p, a) in legendre[i].iter().enumerate() {
                 for (q, b) in legendre[j].iter().enumerate() {
@@ -101,18 +103,24 @@ impl Surfaces {
         for total in 0..=degree {
             for alpha_power in 0..=total {
                 if let Some(value) = values.next() {
-                    surface[alpha_power][total - alpha_power] = value * drive_range_v.powi(total as i32);
+                    surface[alpha_power][total - alpha_power] =
+                        value * drive_range_v.powi(total as i32);
                 }
             }
         }
-        let r = (0..=degree).map(|k| f[k] * drive_range_v.powi(k as i32) - surface[k][0]).collect();
+        let r = (0..=degree)
+            .map(|k| f[k] * drive_range_v.powi(k as i32) - surface[k][0])
+            .collect();
         Self { g: surface, r }
     }
 
     /// `G(x, z)` in um.
     #[must_use]
     pub fn loop_loss(&self, x: f64, z: f64) -> f64 {
-        self.g.iter().rev().fold(0.0, |sum, row| sum * x + horner(row, z))
+        self.g
+            .iter()
+            .rev()
+            .fold(0.0, |sum, row| sum * x + horner(row, z))
     }
 
     /// `F(x)` in um: the initial ascending curve.
@@ -160,7 +168,9 @@ fn horner_at_each(coefficients: &[f64], inputs: &mut [f64]) {
         }
         x.copy_from_slice(&sums);
     }
-    some.into_remainder().iter_mut().for_each(|x| *x = horner(coefficients, *x));
+    some.into_remainder()
+        .iter_mut()
+        .for_each(|x| *x = horner(coefficients, *x));
 }
 
 /// One-sided rate-independent hysteresis (thesis Ch. 4, Eqs. 12-13) walking along an input.
@@ -227,9 +237,15 @@ impl OneSidedHysteresis {
     /// Remembers the next input; where it leaves the section that ran, how many leading pairs of the stack
     /// are those of that section.
     fn leaves_section(&mut self, x: f64) -> Option<usize> {
-        let before = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
+        let before = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_none(),
+        );
         let unchanged = self.stack.update(x);
-        let after = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
+        let after = (
+            self.stack.pairs().len(),
+            self.stack.open_maximum().is_none(),
+        );
         (before != after || unchanged != after.0).then_some(unchanged)
     }
 
@@ -249,7 +265,8 @@ impl OneSidedHysteresis {
     /// `F(M_max)` in um: where the initial ascending curve was left, or is.
     #[must_use]
     pub fn initial_curve_at_maximum(&self) -> f64 {
-        self.surfaces.initial_ascending_curve(self.stack.global_maximum())
+        self.surfaces
+            .initial_ascending_curve(self.stack.global_maximum())
     }
 
     /// Collapses the section that runs now; `unchanged` leading pairs of the stack are those of the section
@@ -262,7 +279,8 @@ impl OneSidedHysteresis {
         self.at_maxima_um.truncate(unchanged);
         if self.stack.on_initial_ascending_curve() {
             self.section = surfaces.g.iter().map(|row| row[0]).collect();
-            self.section.resize(self.section.len().max(surfaces.r.len()), 0.0);
+            self.section
+                .resize(self.section.len().max(surfaces.r.len()), 0.0);
             for (s, r) in self.section.iter_mut().zip(&surfaces.r) {
                 *s += r;
             }
@@ -270,10 +288,14 @@ impl OneSidedHysteresis {
         }
         let maxima = pairs.iter().map(|p| p.maximum).chain(open_maximum);
         for (k, maximum) in maxima.enumerate().skip(self.at_maxima_um.len()) {
-            let output_um = match k.checked_sub(1).map(|before| (self.at_maxima_um[before], pairs[before])) {
+            let output_um = match k
+                .checked_sub(1)
+                .map(|before| (self.at_maxima_um[before], pairs[before]))
+            {
                 None => surfaces.initial_ascending_curve(self.stack.global_maximum()),
                 Some((before_um, pair)) => {
-                    before_um - surfaces.loop_loss(pair.maximum, pair.minimum) + surfaces.loop_loss(maximum, pair.minimum)
+                    before_um - surfaces.loop_loss(pair.maximum, pair.minimum)
+                        + surfaces.loop_loss(maximum, pair.minimum)
                 }
             };
             self.at_maxima_um.push(output_um);
@@ -308,8 +330,14 @@ mod tests {
     /// Thesis Ch. 5 Table 1 with `G` projected (the reference bench), over 0..80 V.
     fn thesis_surfaces() -> Surfaces {
         let bench: toml::Table = include_str!("../bench.toml").parse().unwrap();
-        let numbers =
-            |key: &str| -> Vec<f64> { bench["hysteresis"][key].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect() };
+        let numbers = |key: &str| -> Vec<f64> {
+            bench["hysteresis"][key]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|v| v.as_float().unwrap())
+                .collect()
+        };
         Surfaces::from_thesis_powers(&numbers("f"), &numbers("g"), 80.0)
     }
 
@@ -319,7 +347,12 @@ mod tests {
         assert!((surfaces.initial_ascending_curve(70.0 / 80.0) - 10.74).abs() < 0.01);
         assert!((surfaces.loop_loss(70.0 / 80.0, 0.0) - 9.31).abs() < 0.05);
         for k in 0..=80 {
-            assert!(surfaces.loop_loss(f64::from(k) / 80.0, f64::from(k) / 80.0).abs() < 1e-9);
+            assert!(
+                surfaces
+                    .loop_loss(f64::from(k) / 80.0, f64::from(k) / 80.0)
+                    .abs()
+                    < 1e-9
+            );
         }
     }
 
@@ -361,7 +394,12 @@ mod tests {
                 let mut row_difference = 0.0;
                 for j in 0..i {
                     // Switches up at level i, down at level j: G(i, j) is the sum over i' <= i and j' >= j.
-                    let difference = (g(i, j) - g(i, j + 1)) - if i > j + 1 { g(i - 1, j) - g(i - 1, j + 1) } else { 0.0 };
+                    let difference = (g(i, j) - g(i, j + 1))
+                        - if i > j + 1 {
+                            g(i - 1, j) - g(i - 1, j + 1)
+                        } else {
+                            0.0
+                        };
                     cells.push((i, j, 0.0, difference, 0));
                     row_difference += difference;
                 }

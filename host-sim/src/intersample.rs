@@ -29,18 +29,29 @@ const KAISER_BETA: f64 = 8.0;
 
 impl Intersample {
     /// All of them with the names that files use.
-    pub const NAMES: [(&'static str, Self); 3] = [("hold", Self::Hold), ("linear", Self::Linear), ("band_limited", Self::BandLimited)];
+    pub const NAMES: [(&'static str, Self); 3] = [
+        ("hold", Self::Hold),
+        ("linear", Self::Linear),
+        ("band_limited", Self::BandLimited),
+    ];
 
     /// The name that files use.
     #[must_use]
     pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, one)| *one == self).map_or("hold", |(name, _)| name)
+        Self::NAMES
+            .iter()
+            .find(|(_, one)| *one == self)
+            .map_or("hold", |(name, _)| name)
     }
 
     /// Sub-intervals of a sampling period that it needs.
     #[must_use]
     pub fn substeps(self) -> usize {
-        if self == Self::BandLimited { SUBSTEPS_BAND_LIMITED } else { 1 }
+        if self == Self::BandLimited {
+            SUBSTEPS_BAND_LIMITED
+        } else {
+            1
+        }
     }
 
     /// Where a drive that is not held stands at the end of each of the sub-intervals of its sampling periods;
@@ -49,16 +60,26 @@ impl Intersample {
     pub fn at_ends(self, drive_v: &[f64], substeps: usize) -> Vec<f64> {
         let last = drive_v.len().saturating_sub(1);
         let value = |k: isize| drive_v[k.clamp(0, last as isize) as usize];
-        let between: Vec<Vec<f64>> = (1..substeps).map(|part| self.weights(part as f64 / substeps as f64)).collect();
+        let between: Vec<Vec<f64>> = (1..substeps)
+            .map(|part| self.weights(part as f64 / substeps as f64))
+            .collect();
         let mut out = Vec::with_capacity(drive_v.len() * substeps);
         for k in 0..drive_v.len() {
             let first = k as isize + 1 - (between.first().map_or(0, Vec::len) / 2) as isize;
             for weights in &between {
                 let inside = first >= 0 && first as usize + weights.len() <= drive_v.len();
                 out.push(if inside {
-                    weights.iter().zip(&drive_v[first as usize..]).map(|(w, u)| w * u).sum()
+                    weights
+                        .iter()
+                        .zip(&drive_v[first as usize..])
+                        .map(|(w, u)| w * u)
+                        .sum()
                 } else {
-                    weights.iter().enumerate().map(|(i, w)| w * value(first + i as isize)).sum()
+                    weights
+                        .iter()
+                        .enumerate()
+                        .map(|(i, w)| w * value(first + i as isize))
+                        .sum()
                 });
             }
             out.push(value(k as isize + 1));
@@ -106,10 +127,16 @@ mod tests {
         let ends = Intersample::BandLimited.at_ends(&drive, 4);
         assert_eq!(ends.len(), 800);
         for (k, end) in ends.iter().enumerate().take(700).skip(100) {
-            assert!((end - sine(0.25 * (k as f64 + 1.0))).abs() < 2e-4, "{k}: {end}");
+            assert!(
+                (end - sine(0.25 * (k as f64 + 1.0))).abs() < 2e-4,
+                "{k}: {end}"
+            );
         }
         let straight = Intersample::Linear.at_ends(&[0.0, 4.0, 2.0], 2);
         assert_eq!(straight, [2.0, 4.0, 3.0, 2.0, 2.0, 2.0]);
-        assert_eq!(Intersample::Linear.at_ends(&[0.0, 4.0, 2.0], 1), [4.0, 2.0, 2.0]);
+        assert_eq!(
+            Intersample::Linear.at_ends(&[0.0, 4.0, 2.0], 1),
+            [4.0, 2.0, 2.0]
+        );
     }
 }

@@ -63,10 +63,17 @@ impl ContinuousSystem {
     pub fn held_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.a.nrows();
         let mut augmented = DMatrix::zeros(n + 1, n + 1);
-        augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt_s));
-        augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt_s));
+        augmented
+            .view_mut((0, 0), (n, n))
+            .copy_from(&(&self.a * dt_s));
+        augmented
+            .view_mut((0, n), (n, 1))
+            .copy_from(&(&self.b * dt_s));
         let exponential = augmented.exp();
-        (exponential.view((0, 0), (n, n)).into_owned(), exponential.view((0, n), (n, 1)).column(0).into_owned())
+        (
+            exponential.view((0, 0), (n, n)).into_owned(),
+            exponential.view((0, n), (n, 1)).column(0).into_owned(),
+        )
     }
 
     /// Transition matrix, and input vectors over one interval for an input that is held, and for one that
@@ -75,12 +82,20 @@ impl ContinuousSystem {
     pub fn straight_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let n = self.a.nrows();
         let mut augmented = DMatrix::zeros(n + 2, n + 2);
-        augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt_s));
-        augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt_s));
+        augmented
+            .view_mut((0, 0), (n, n))
+            .copy_from(&(&self.a * dt_s));
+        augmented
+            .view_mut((0, n), (n, 1))
+            .copy_from(&(&self.b * dt_s));
         augmented[(n, n + 1)] = 1.0;
         let exponential = augmented.exp();
         let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
-        (exponential.view((0, 0), (n, n)).into_owned(), column(n), column(n + 1))
+        (
+            exponential.view((0, 0), (n, n)).into_owned(),
+            column(n),
+            column(n + 1),
+        )
     }
 
     /// Transition matrix, and input vectors over one interval for inputs of one, of its share of the interval
@@ -89,13 +104,20 @@ impl ContinuousSystem {
     pub fn quadratic_matrices(&self, dt_s: f64) -> (DMatrix<f64>, [DVector<f64>; 3]) {
         let n = self.a.nrows();
         let mut augmented = DMatrix::zeros(n + 3, n + 3);
-        augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt_s));
-        augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt_s));
+        augmented
+            .view_mut((0, 0), (n, n))
+            .copy_from(&(&self.a * dt_s));
+        augmented
+            .view_mut((0, n), (n, 1))
+            .copy_from(&(&self.b * dt_s));
         augmented[(n, n + 1)] = 1.0;
         augmented[(n + 1, n + 2)] = 2.0;
         let exponential = augmented.exp();
         let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
-        (exponential.view((0, 0), (n, n)).into_owned(), [column(n), column(n + 1), column(n + 2)])
+        (
+            exponential.view((0, 0), (n, n)).into_owned(),
+            [column(n), column(n + 1), column(n + 2)],
+        )
     }
 
     /// Discretises for inputs that run straight from one instant to the next (a held input is the special
@@ -113,7 +135,12 @@ impl ContinuousSystem {
             state: vec![0.0; n],
             next: vec![0.0; n],
             input: 0.0,
-            settle: self.a.clone().lu().solve(&(-&self.b)).map(|v| v.as_slice().to_vec()),
+            settle: self
+                .a
+                .clone()
+                .lu()
+                .solve(&(-&self.b))
+                .map(|v| v.as_slice().to_vec()),
         }
     }
 }
@@ -194,9 +221,16 @@ impl<const N: usize> FixedSystem<N> {
         if n > N {
             return None;
         }
-        let padded = |values: &[f64]| std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0));
+        let padded =
+            |values: &[f64]| std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0));
         Some(Self {
-            phi: std::array::from_fn(|i| if i < n { padded(&system.phi[i * n..(i + 1) * n]) } else { [0.0; N] }),
+            phi: std::array::from_fn(|i| {
+                if i < n {
+                    padded(&system.phi[i * n..(i + 1) * n])
+                } else {
+                    [0.0; N]
+                }
+            }),
             gamma_start: padded(&system.gamma_start),
             gamma_end: padded(&system.gamma_end),
             c: padded(&system.c),
@@ -256,9 +290,16 @@ mod tests {
 
     #[test]
     fn fixed_arrays_give_the_same_bits() {
-        let g2 = ContinuousSystem::from_transfer_function(&[0.1804, 4.181, 47.84, 9.404], &[1.0, 14.10, 610.1, 1018.0, 125.0]).unwrap();
+        let g2 = ContinuousSystem::from_transfer_function(
+            &[0.1804, 4.181, 47.84, 9.404],
+            &[1.0, 14.10, 610.1, 1018.0, 125.0],
+        )
+        .unwrap();
         let mut general = g2.discretise(5e-6);
-        let (mut fixed, mut padded) = (FixedSystem::<4>::new(&general).unwrap(), FixedSystem::<5>::new(&general).unwrap());
+        let (mut fixed, mut padded) = (
+            FixedSystem::<4>::new(&general).unwrap(),
+            FixedSystem::<5>::new(&general).unwrap(),
+        );
         assert!(FixedSystem::<3>::new(&general).is_none());
         for k in 0..5000 {
             let input = (f64::from(k) * 0.01).sin();
@@ -271,7 +312,11 @@ mod tests {
     #[test]
     fn creep_of_chapter_5_has_its_static_gain() {
         // Thesis Ch. 5 Eq. (17), G_2.
-        let g2 = ContinuousSystem::from_transfer_function(&[0.1804, 4.181, 47.84, 9.404], &[1.0, 14.10, 610.1, 1018.0, 125.0]).unwrap();
+        let g2 = ContinuousSystem::from_transfer_function(
+            &[0.1804, 4.181, 47.84, 9.404],
+            &[1.0, 14.10, 610.1, 1018.0, 125.0],
+        )
+        .unwrap();
         assert!((g2.static_gain().unwrap() - 9.404 / 125.0).abs() < 1e-12);
         let mut discrete = g2.discretise(5e-5);
         assert!((discrete.settle(3.0) - 3.0 * 9.404 / 125.0).abs() < 1e-12);

@@ -34,12 +34,19 @@ impl LoopInverse {
     /// period; none where its structure has none.
     #[must_use]
     pub fn of(model: &Model, dt_s: f64) -> Option<Self> {
-        let main = model.effects.iter().find(|e| e.effect.declaration().is_main())?;
+        let main = model
+            .effects
+            .iter()
+            .find(|e| e.effect.declaration().is_main())?;
         let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
         let mut loops = main.effect.loops(model, &main.values(), &setting)?;
         let drive_v = model.virgin_drive_v();
         loops.step(0, drive_v);
-        Some(Self { loops, limits_v: [model.drive_min_v, model.drive_max_v], drive_v })
+        Some(Self {
+            loops,
+            limits_v: [model.drive_min_v, model.drive_max_v],
+            drive_v,
+        })
     }
 
     /// What the loops would give at a drive.
@@ -50,21 +57,54 @@ impl LoopInverse {
     /// The drive that takes the output to `desired_um`, and the memory with it.
     pub fn step(&mut self, desired_um: f64) -> InverseDrive {
         let held_um = self.at(self.drive_v);
-        let (drive_v, saturated) = if desired_um == held_um { (self.drive_v, false) } else { self.towards(desired_um, held_um) };
+        let (drive_v, saturated) = if desired_um == held_um {
+            (self.drive_v, false)
+        } else {
+            self.towards(desired_um, held_um)
+        };
         self.drive_v = drive_v;
-        InverseDrive { drive_v, output_um: self.loops.step(0, drive_v), saturated }
+        InverseDrive {
+            drive_v,
+            output_um: self.loops.step(0, drive_v),
+            saturated,
+        }
     }
 
     fn towards(&self, desired_um: f64, held_um: f64) -> (f64, bool) {
         let rising = desired_um > held_um;
         let end_v = self.limits_v[usize::from(rising)];
-        let between = |v: &f64| if rising { *v > self.drive_v && *v < end_v } else { *v < self.drive_v && *v > end_v };
-        let mut bends_v: Vec<f64> = self.loops.bends_v(rising).into_iter().filter(between).collect();
+        let between = |v: &f64| {
+            if rising {
+                *v > self.drive_v && *v < end_v
+            } else {
+                *v < self.drive_v && *v > end_v
+            }
+        };
+        let mut bends_v: Vec<f64> = self
+            .loops
+            .bends_v(rising)
+            .into_iter()
+            .filter(between)
+            .collect();
         bends_v.push(end_v);
-        bends_v.sort_by(|a, b| if rising { a.total_cmp(b) } else { b.total_cmp(a) });
-        let reached = |v: f64| if rising { self.at(v) >= desired_um } else { self.at(v) <= desired_um };
+        bends_v.sort_by(|a, b| {
+            if rising {
+                a.total_cmp(b)
+            } else {
+                b.total_cmp(a)
+            }
+        });
+        let reached = |v: f64| {
+            if rising {
+                self.at(v) >= desired_um
+            } else {
+                self.at(v) <= desired_um
+            }
+        };
         let first = bends_v.partition_point(|v| !reached(*v));
-        let Some(beyond_v) = bends_v.get(first) else { return (end_v, true) };
+        let Some(beyond_v) = bends_v.get(first) else {
+            return (end_v, true);
+        };
         let before_v = first.checked_sub(1).map_or(self.drive_v, |i| bends_v[i]);
         (self.solve(desired_um, before_v, *beyond_v), false)
     }
@@ -81,7 +121,11 @@ impl LoopInverse {
             let secant_v = a.0 - a.1 * (b.0 - a.0) / (b.1 - a.1);
             // After a few secants that leave one end where it was, every other step halves the bracket.
             let inside = (secant_v - a.0) * (secant_v - b.0) < 0.0;
-            let next_v = if inside && (step < 6 || step % 2 == 0) { secant_v } else { 0.5 * (a.0 + b.0) };
+            let next_v = if inside && (step < 6 || step % 2 == 0) {
+                secant_v
+            } else {
+                0.5 * (a.0 + b.0)
+            };
             let next = (next_v, miss(next_v));
             if (next.1 > 0.0) == (b.1 > 0.0) {
                 if next.1.abs() >= b.1.abs() {
@@ -104,7 +148,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn model_of(id: &str, values: &[f64]) -> Model {
-        let overview = Overview { range_um: 10.0, gain_um_v: 0.125, ..Overview::without_data(0.0, 80.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            gain_um_v: 0.125,
+            ..Overview::without_data(0.0, 80.0)
+        };
         let mut model = Model::new(0.0, 80.0);
         model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         model
@@ -116,7 +164,11 @@ mod tests {
         let setting = Setting::of_held_drive(0.0, 80.0, dt_s);
         let mut stage = main.effect.stage(model, &main.values(), &setting).unwrap();
         stage.settle(0.0);
-        drive_v.iter().enumerate().map(|(k, v)| stage.step(k, *v)).collect()
+        drive_v
+            .iter()
+            .enumerate()
+            .map(|(k, v)| stage.step(k, *v))
+            .collect()
     }
 
     fn largest_miss_um(model: &Model, desired_um: &[f64]) -> f64 {
@@ -125,11 +177,21 @@ mod tests {
         let answers: Vec<InverseDrive> = desired_um.iter().map(|y| inverse.step(*y)).collect();
         let drive_v: Vec<f64> = answers.iter().map(|a| a.drive_v).collect();
         let reached = forward(model, &drive_v, dt_s);
-        let reachable = desired_um.iter().zip(&reached).zip(&answers).filter(|(_, answer)| !answer.saturated);
+        let reachable = desired_um
+            .iter()
+            .zip(&reached)
+            .zip(&answers)
+            .filter(|(_, answer)| !answer.saturated);
         assert!(answers.iter().all(|a| (0.0..=80.0).contains(&a.drive_v)));
         // Where it saturates the drive stands at a limit.
-        assert!(answers.iter().all(|a| !a.saturated || a.drive_v == 0.0 || a.drive_v == 80.0));
-        reachable.map(|((wanted, got), _)| (wanted - got).abs()).fold(0.0, f64::max)
+        assert!(
+            answers
+                .iter()
+                .all(|a| !a.saturated || a.drive_v == 0.0 || a.drive_v == 80.0)
+        );
+        reachable
+            .map(|((wanted, got), _)| (wanted - got).abs())
+            .fold(0.0, f64::max)
     }
 
     fn weights(first: f64, rest: &[f64]) -> Vec<f64> {
@@ -146,8 +208,18 @@ mod tests {
                 Some(*sum)
             })
             .collect();
-        let inverse_weight = |i: usize| if i == 0 { 1.0 / weights[0] } else { -weights[i] / (sums[i] * sums[i - 1]) };
-        let inverse_threshold = |i: usize| (0..=i).map(|j| weights[j] * (thresholds[i] - thresholds[j])).sum::<f64>();
+        let inverse_weight = |i: usize| {
+            if i == 0 {
+                1.0 / weights[0]
+            } else {
+                -weights[i] / (sums[i] * sums[i - 1])
+            }
+        };
+        let inverse_threshold = |i: usize| {
+            (0..=i)
+                .map(|j| weights[j] * (thresholds[i] - thresholds[j]))
+                .sum::<f64>()
+        };
         let mut plays = vec![0.0f64; weights.len()];
         let step = |y: &f64| {
             (0..weights.len())

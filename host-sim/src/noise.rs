@@ -15,7 +15,10 @@ impl WhiteNoise {
     /// Noise of this standard deviation, um.
     #[must_use]
     pub fn new(std_um: f64, seed: u64) -> Self {
-        Self { std_um, random: Pcg64Mcg::seed_from_u64(seed) }
+        Self {
+            std_um,
+            random: Pcg64Mcg::seed_from_u64(seed),
+        }
     }
 
     /// The next value, um.
@@ -52,12 +55,19 @@ impl FlickerNoise {
         let count = (LAGS_PER_DECADE * decades).ceil().max(1.0) as usize;
         // A decade of 1/f holds ln(10) times its power at 1 Hz.
         let rms_um = at_1_hz_um * (decades / count as f64 * std::f64::consts::LN_10).sqrt();
-        let corner_hz = |i: usize| FLICKER_FROM_HZ * 10f64.powf((i as f64 + 0.5) * decades / count as f64);
+        let corner_hz =
+            |i: usize| FLICKER_FROM_HZ * 10f64.powf((i as f64 + 0.5) * decades / count as f64);
         let decay = |i: usize| (-std::f64::consts::TAU * corner_hz(i) / sample_rate_hz).exp();
-        let lags: Vec<(f64, f64)> = (0..count).map(|i| (decay(i), rms_um * (1.0 - decay(i).powi(2)).sqrt())).collect();
+        let lags: Vec<(f64, f64)> = (0..count)
+            .map(|i| (decay(i), rms_um * (1.0 - decay(i).powi(2)).sqrt()))
+            .collect();
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
         let states_um = (0..count).map(|_| rms_um * normal()).collect();
-        Self { lags, states_um, random }
+        Self {
+            lags,
+            states_um,
+            random,
+        }
     }
 
     /// The next value, um.
@@ -82,13 +92,21 @@ mod tests {
         for seed in 0..seeds {
             let mut noise = FlickerNoise::new(0.002, 1000.0, seed);
             let values: Vec<f64> = (0..20_000).map(|_| noise.next_um()).collect();
-            let structure =
-                |lag: usize| values.windows(lag + 1).map(|w| (w[lag] - w[0]).powi(2)).sum::<f64>() / (values.len() - lag) as f64;
+            let structure = |lag: usize| {
+                values
+                    .windows(lag + 1)
+                    .map(|w| (w[lag] - w[0]).powi(2))
+                    .sum::<f64>()
+                    / (values.len() - lag) as f64
+            };
             grows += (structure(1000) - structure(10)) / f64::from(seeds as u32);
         }
         let expected = 2.0 * 0.002f64.powi(2) * 100f64.ln();
         assert!((grows / expected - 1.0).abs() < 0.1, "{}", grows / expected);
-        let mut again = [FlickerNoise::new(1.0, 1e3, 9), FlickerNoise::new(1.0, 1e3, 9)];
+        let mut again = [
+            FlickerNoise::new(1.0, 1e3, 9),
+            FlickerNoise::new(1.0, 1e3, 9),
+        ];
         assert_eq!(again[0].next_um(), again[1].next_um());
     }
 
@@ -99,7 +117,13 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 40_000.0;
         let std = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 40_000.0).sqrt();
         // Standard errors: 0.5 % of the spread for the mean, 0.35 % for the spread.
-        assert!(mean.abs() < 5.0 * 0.005 * 0.003 && (std / 0.003 - 1.0).abs() < 0.02, "{mean} {std}");
-        assert_eq!(WhiteNoise::new(1.0, 9).next_um(), WhiteNoise::new(1.0, 9).next_um());
+        assert!(
+            mean.abs() < 5.0 * 0.005 * 0.003 && (std / 0.003 - 1.0).abs() < 0.02,
+            "{mean} {std}"
+        );
+        assert_eq!(
+            WhiteNoise::new(1.0, 9).next_um(),
+            WhiteNoise::new(1.0, 9).next_um()
+        );
     }
 }

@@ -31,9 +31,18 @@ pub struct RateDependentHysteresis {
 impl RateDependentHysteresis {
     /// Virgin, at the lower limit of the drive.
     #[must_use]
-    pub fn virgin(surfaces: &RateSurfaces, lower_limit_v: f64, range_v: f64, sample_rate_hz: f64) -> Self {
+    pub fn virgin(
+        surfaces: &RateSurfaces,
+        lower_limit_v: f64,
+        range_v: f64,
+        sample_rate_hz: f64,
+    ) -> Self {
         Self {
-            operators: surfaces.orders.iter().map(|s| OneSidedHysteresis::virgin(s.clone(), lower_limit_v, range_v)).collect(),
+            operators: surfaces
+                .orders
+                .iter()
+                .map(|s| OneSidedHysteresis::virgin(s.clone(), lower_limit_v, range_v))
+                .collect(),
             reference_rate_v_s: surfaces.reference_rate_v_s,
             sample_rate_hz,
             last_drive_v: lower_limit_v,
@@ -42,7 +51,8 @@ impl RateDependentHysteresis {
 
     /// Takes the next drive voltage and returns the displacement, um.
     pub fn step(&mut self, drive_v: f64) -> f64 {
-        let rate = (drive_v - self.last_drive_v).abs() * self.sample_rate_hz / self.reference_rate_v_s;
+        let rate =
+            (drive_v - self.last_drive_v).abs() * self.sample_rate_hz / self.reference_rate_v_s;
         self.last_drive_v = drive_v;
         let mut power = 1.0;
         let mut output = 0.0;
@@ -64,8 +74,14 @@ mod tests {
         let bench = Bench::reference().unwrap();
         let surfaces = Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, 80.0);
         let mut plain = OneSidedHysteresis::virgin(surfaces.clone(), 0.0, 80.0);
-        let only_gain = Surfaces { g: vec![vec![0.0; 2]; 2], r: vec![0.0, 1.0] };
-        let rate = RateSurfaces { orders: vec![surfaces, only_gain], reference_rate_v_s: 1000.0 };
+        let only_gain = Surfaces {
+            g: vec![vec![0.0; 2]; 2],
+            r: vec![0.0, 1.0],
+        };
+        let rate = RateSurfaces {
+            orders: vec![surfaces, only_gain],
+            reference_rate_v_s: 1000.0,
+        };
         let mut dependent = RateDependentHysteresis::virgin(&rate, 0.0, 80.0, 1000.0);
         for drive in [10.0, 30.0, 50.0] {
             // 20 V in 1 ms is 20 times the reference rate; the second surface adds x there on the initial

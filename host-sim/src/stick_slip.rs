@@ -106,7 +106,10 @@ pub const PRINTED_SURFACE_N: [(usize, usize, f64); 10] = [
 /// Ch. 3, Eq. (16) as printed: the force that is lost on the way down from `alpha_v` to `beta_v`, N.
 #[must_use]
 pub fn printed_surface_n(alpha_v: f64, beta_v: f64) -> f64 {
-    PRINTED_SURFACE_N.iter().map(|(i, j, c)| c * alpha_v.powi(*i as i32) * beta_v.powi(*j as i32)).sum()
+    PRINTED_SURFACE_N
+        .iter()
+        .map(|(i, j, c)| c * alpha_v.powi(*i as i32) * beta_v.powi(*j as i32))
+        .sum()
 }
 
 impl StickSlipActuator {
@@ -117,8 +120,11 @@ impl StickSlipActuator {
     /// `(alpha - beta) Q_2(alpha, beta)` over 0..100 V.
     #[must_use]
     pub fn thesis(end_effector_mass_kg: f64) -> Self {
-        let stiffness_n_um =
-            if (end_effector_mass_kg - 0.0635).abs() < 1e-9 { 0.482 } else { printed_contact_stiffness_n_um(end_effector_mass_kg) };
+        let stiffness_n_um = if (end_effector_mass_kg - 0.0635).abs() < 1e-9 {
+            0.482
+        } else {
+            printed_contact_stiffness_n_um(end_effector_mass_kg)
+        };
         Self {
             hysteresis: nearest_surface_um(PLATFORM_STIFFNESS_N_UM),
             drive_range_v: 100.0,
@@ -138,20 +144,32 @@ impl StickSlipActuator {
     /// Force-equivalent displacement of the hysteresis for a drive, um.
     #[must_use]
     pub fn force_equivalent_um(&self, drive_v: &[f64]) -> Vec<f64> {
-        let mut hysteresis = OneSidedHysteresis::virgin(self.hysteresis.clone(), 0.0, self.drive_range_v);
+        let mut hysteresis =
+            OneSidedHysteresis::virgin(self.hysteresis.clone(), 0.0, self.drive_range_v);
         drive_v.iter().map(|u| hysteresis.step(*u)).collect()
     }
 
     /// Motion for a drive that is held from each sample to the next; at rest before the first.
     #[must_use]
     pub fn simulate(&self, drive_v: &[f64], sample_rate_hz: f64) -> StickSlipMotion {
-        self.simulate_with(&self.force_equivalent_um(drive_v), sample_rate_hz, Integrator::default(), SUBSTEPS)
+        self.simulate_with(
+            &self.force_equivalent_um(drive_v),
+            sample_rate_hz,
+            Integrator::default(),
+            SUBSTEPS,
+        )
     }
 
     /// Motion under given force-equivalent displacements, with a chosen integrator and number of steps in a
     /// sample.
     #[must_use]
-    pub fn simulate_with(&self, force_um: &[f64], sample_rate_hz: f64, integrator: Integrator, substeps: usize) -> StickSlipMotion {
+    pub fn simulate_with(
+        &self,
+        force_um: &[f64],
+        sample_rate_hz: f64,
+        integrator: Integrator,
+        substeps: usize,
+    ) -> StickSlipMotion {
         let dt_s = 1.0 / sample_rate_hz / substeps.max(1) as f64;
         let mut state = State::zeros();
         let mut motion = StickSlipMotion::default();
@@ -177,7 +195,8 @@ impl StickSlipActuator {
         // The platform's mass is K / omega^2, so its reaction is friction omega^2 / K.
         State::new(
             v1,
-            omega * omega * (force_um - x1 - friction_n / self.platform_stiffness_n_um) - 2.0 * self.damping_ratio * omega * v1,
+            omega * omega * (force_um - x1 - friction_n / self.platform_stiffness_n_um)
+                - 2.0 * self.damping_ratio * omega * v1,
             v2,
             friction_n * 1e6 / self.end_effector_mass_kg,
             bend_rate,
@@ -195,7 +214,10 @@ impl StickSlipActuator {
             self.friction.damping_n_s_um * rate[1],
             self.friction.damping_n_s_um * rate[2] + self.friction.stiffness_n_um,
         ];
-        let (platform, mass) = (omega * omega / self.platform_stiffness_n_um, 1e6 / self.end_effector_mass_kg);
+        let (platform, mass) = (
+            omega * omega / self.platform_stiffness_n_um,
+            1e6 / self.end_effector_mass_kg,
+        );
         let mut j = Jacobian::zeros();
         j[(0, 1)] = 1.0;
         j[(1, 0)] = -omega * omega;
@@ -217,9 +239,13 @@ impl StickSlipActuator {
         let gamma = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
         let matrix = Jacobian::identity() - self.jacobian(state) * (gamma * dt_s);
         let lu = matrix.lu();
-        let Some(k1) = lu.solve(&self.derivative(state, force_um)) else { return self.runge_kutta_step(state, force_um, dt_s) };
+        let Some(k1) = lu.solve(&self.derivative(state, force_um)) else {
+            return self.runge_kutta_step(state, force_um, dt_s);
+        };
         let second = self.derivative(&(state + k1 * dt_s), force_um) - k1 * 2.0;
-        let Some(k2) = lu.solve(&second) else { return self.runge_kutta_step(state, force_um, dt_s) };
+        let Some(k2) = lu.solve(&second) else {
+            return self.runge_kutta_step(state, force_um, dt_s);
+        };
         state + (k1 * 1.5 + k2 * 0.5) * dt_s
     }
 
@@ -241,7 +267,12 @@ pub fn average_speed_um_s(end_effector_um: &[f64], sample_rate_hz: f64, frequenc
     if periods <= first {
         return 0.0;
     }
-    let at = |k: usize| end_effector_um.get((k as f64 * period).round() as usize).copied().unwrap_or(0.0);
+    let at = |k: usize| {
+        end_effector_um
+            .get((k as f64 * period).round() as usize)
+            .copied()
+            .unwrap_or(0.0)
+    };
     (at(periods) - at(first)) * frequency_hz / (periods - first) as f64
 }
 
@@ -251,13 +282,23 @@ fn nearest_surface_um(stiffness_n_um: f64) -> Surfaces {
     use nalgebra::{DMatrix, DVector};
     const RANGE_V: f64 = 100.0;
     const TERMS: [(usize, usize); 6] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-    let points: Vec<(f64, f64)> = (0..=20).flat_map(|a| (0..=a).map(move |b| (f64::from(a) / 20.0, f64::from(b) / 20.0))).collect();
+    let points: Vec<(f64, f64)> = (0..=20)
+        .flat_map(|a| (0..=a).map(move |b| (f64::from(a) / 20.0, f64::from(b) / 20.0)))
+        .collect();
     let matrix = DMatrix::from_fn(points.len(), TERMS.len(), |row, column| {
         let ((x, z), (i, j)) = (points[row], TERMS[column]);
         (x - z) * x.powi(i as i32) * z.powi(j as i32)
     });
-    let right = DVector::from_iterator(points.len(), points.iter().map(|(x, z)| printed_surface_n(RANGE_V * x, RANGE_V * z)));
-    let solution = matrix.svd(true, true).solve(&right, 1e-12).unwrap_or_else(|_| DVector::zeros(TERMS.len()));
+    let right = DVector::from_iterator(
+        points.len(),
+        points
+            .iter()
+            .map(|(x, z)| printed_surface_n(RANGE_V * x, RANGE_V * z)),
+    );
+    let solution = matrix
+        .svd(true, true)
+        .solve(&right, 1e-12)
+        .unwrap_or_else(|_| DVector::zeros(TERMS.len()));
     let mut g = vec![vec![0.0; 4]; 4];
     for ((i, j), value) in TERMS.iter().zip(solution.iter()) {
         g[i + 1][*j] += value / stiffness_n_um;
@@ -285,27 +326,39 @@ mod tests {
     }
 
     fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
-        a.iter().zip(b).fold(0.0, |m: f64, (x, y)| m.max((x - y).abs()))
+        a.iter()
+            .zip(b)
+            .fold(0.0, |m: f64, (x, y)| m.max((x - y).abs()))
     }
 
     /// Errors of both methods, in um, for a contact with this `z_b / z_s`.
     fn errors_um(breakaway_ratio: f64, height_v: f64, frequency_hz: f64) -> [f64; 2] {
         let mut actuator = StickSlipActuator::thesis(0.0635);
         actuator.friction.breakaway_ratio = Some(breakaway_ratio);
-        let force = actuator.force_equivalent_um(&waveform::saw_tooth(FS, frequency_hz, height_v, 1.0, 3));
+        let force =
+            actuator.force_equivalent_um(&waveform::saw_tooth(FS, frequency_hz, height_v, 1.0, 3));
         let fine = actuator.simulate_with(&force, FS, Integrator::RungeKutta, 100 * SUBSTEPS);
         [Integrator::RungeKutta, Integrator::Rosenbrock].map(|integrator| {
-            largest_difference(&actuator.simulate_with(&force, FS, integrator, SUBSTEPS).end_effector_um, &fine.end_effector_um)
+            largest_difference(
+                &actuator
+                    .simulate_with(&force, FS, integrator, SUBSTEPS)
+                    .end_effector_um,
+                &fine.end_effector_um,
+            )
         })
     }
 
     #[test]
     fn error_against_a_hundred_times_finer_step() {
         let [runge_kutta, rosenbrock] = errors_um(0.801, 50.0, 60.0);
-        println!("thesis' contact: Runge-Kutta {runge_kutta:.1e} um, Rosenbrock {rosenbrock:.1e} um");
+        println!(
+            "thesis' contact: Runge-Kutta {runge_kutta:.1e} um, Rosenbrock {rosenbrock:.1e} um"
+        );
         assert!(runge_kutta < 1e-6 && runge_kutta < rosenbrock);
         let [runge_kutta, rosenbrock] = errors_um(0.96, 70.0, 80.0);
-        println!("z_b / z_s = 0.96: Runge-Kutta {runge_kutta:.1e} um, Rosenbrock {rosenbrock:.1e} um");
+        println!(
+            "z_b / z_s = 0.96: Runge-Kutta {runge_kutta:.1e} um, Rosenbrock {rosenbrock:.1e} um"
+        );
         assert!(runge_kutta < 1e-3);
     }
 
@@ -314,7 +367,9 @@ mod tests {
         let actuator = StickSlipActuator::thesis(0.0635);
         let motion = actuator.simulate(&waveform::saw_tooth(FS, 60.0, 50.0, 1.0, 4), FS);
         let before_jump = (FS / 60.0) as usize - 1;
-        assert!((motion.end_effector_um[before_jump] - motion.platform_um[before_jump]).abs() < 1.0);
+        assert!(
+            (motion.end_effector_um[before_jump] - motion.platform_um[before_jump]).abs() < 1.0
+        );
         let speed = average_speed_um_s(&motion.end_effector_um, FS, 60.0);
         assert!(speed > 50.0, "{speed}");
     }

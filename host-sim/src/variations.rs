@@ -32,7 +32,10 @@ impl Variation {
     /// Whether the effect that differs is an expression of the user's own.
     #[must_use]
     pub fn is_defined_by_user(&self) -> bool {
-        self.model.effects.iter().any(|instance| instance.id == self.differs && instance.effect.definition().is_some())
+        self.model
+            .effects
+            .iter()
+            .any(|instance| instance.id == self.differs && instance.effect.definition().is_some())
     }
 }
 
@@ -100,7 +103,12 @@ fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnSt
         let instance = &model.effects[effect];
         let setting = model.setting(drive, if fine { substeps } else { 1 });
         if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
-            out.push(OwnStage { effect, id: instance.id.clone(), fine, stage });
+            out.push(OwnStage {
+                effect,
+                id: instance.id.clone(),
+                fine,
+                stage,
+            });
         }
     }
     out
@@ -121,8 +129,16 @@ struct Beside<'a> {
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     let drive = Drive::held(&[], 1.0, InitialState::Unknown);
     let setting = model.setting(&drive, 1);
-    let walker = model.effects.iter().find_map(|e| e.effect.coefficient_walker(model, &setting));
-    walker.map_or_else(Vec::new, |w| w.coefficients().into_iter().map(|(id, parameter)| (id.to_owned(), parameter)).collect())
+    let walker = model
+        .effects
+        .iter()
+        .find_map(|e| e.effect.coefficient_walker(model, &setting));
+    walker.map_or_else(Vec::new, |w| {
+        w.coefficients()
+            .into_iter()
+            .map(|(id, parameter)| (id.to_owned(), parameter))
+            .collect()
+    })
 }
 
 /// How a walk is done.
@@ -136,16 +152,33 @@ pub struct Manner {
 }
 
 /// Walks a model and its variations along a record; `see` is shown every chunk.
-pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Manner, see: &mut dyn FnMut(&Chunk)) {
+pub fn walk(
+    model: &Model,
+    drive: &Drive,
+    variations: &[Variation],
+    manner: Manner,
+    see: &mut dyn FnMut(&Chunk),
+) {
     let substeps = model.substeps_for(drive);
     let mut stages = stages_of(model, substeps, drive);
     let resting = model.resting_drive_v(drive);
     // Variations that need another resolution walk alone.
-    let as_fine = |v: &Variation| manner.as_coarse_as_the_model || v.model.substeps_for(drive) == substeps;
+    let as_fine =
+        |v: &Variation| manner.as_coarse_as_the_model || v.model.substeps_for(drive) == substeps;
     let shares = |v: &Variation| as_fine(v) && v.model.resting_drive_v(drive) == resting;
-    let alone: Vec<Option<Vec<f64>>> = variations.iter().map(|v| (!shares(v)).then(|| v.model.simulate(drive))).collect();
-    let mut beside: Vec<Option<Beside>> =
-        variations.iter().zip(&alone).map(|(v, alone)| alone.is_none().then(|| beside_of(v, &stages, substeps, drive))).collect();
+    let alone: Vec<Option<Vec<f64>>> = variations
+        .iter()
+        .map(|v| (!shares(v)).then(|| v.model.simulate(drive)))
+        .collect();
+    let mut beside: Vec<Option<Beside>> = variations
+        .iter()
+        .zip(&alone)
+        .map(|(v, alone)| {
+            alone
+                .is_none()
+                .then(|| beside_of(v, &stages, substeps, drive))
+        })
+        .collect();
     for b in beside.iter().flatten().filter(|b| b.shares) {
         stages[b.from].stage.keep_shared_part();
     }
@@ -163,24 +196,41 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Mann
         }
         b.sampled.last = value;
     }
-    let mut lanes = if manner.with_coefficients { lanes_of(model, substeps, drive, &stages, &at_rest) } else { None };
-    let mut sampled = Sampled { last: at_rest[at_rest.len() - 1] };
+    let mut lanes = if manner.with_coefficients {
+        lanes_of(model, substeps, drive, &stages, &at_rest)
+    } else {
+        None
+    };
+    let mut sampled = Sampled {
+        last: at_rest[at_rest.len() - 1],
+    };
 
     let (mut reading, mut block) = (Vec::new(), Vec::new());
     let mut outputs: Vec<Vec<f64>> = vec![Vec::new(); variations.len()];
-    let wanted_at: Vec<bool> = (0..=stages.len()).map(|i| beside.iter().flatten().any(|b| b.from == i)).collect();
+    let wanted_at: Vec<bool> = (0..=stages.len())
+        .map(|i| beside.iter().flatten().any(|b| b.from == i))
+        .collect();
     let n = drive.drive_v.len();
     let (input, fine) = drive.over_intervals(substeps);
     let parts = if fine { substeps } else { 1 };
     for from in (0..n).step_by(CHUNK) {
         let to = (from + CHUNK).min(n);
-        let mut signal = Stretch { values: input[from * parts..to * parts].to_vec(), fine };
+        let mut signal = Stretch {
+            values: input[from * parts..to * parts].to_vec(),
+            fine,
+        };
         let mut kept: Vec<Option<Stretch>> = Vec::with_capacity(stages.len() + 1);
         let lane_stage = lanes.as_ref().map(|l| l.stage);
-        let tried_behind = lanes.as_ref().is_some_and(|l| l.behind.iter().any(|(_, p)| matches!(p, Passing::Tried(_))));
+        let tried_behind = lanes
+            .as_ref()
+            .is_some_and(|l| l.behind.iter().any(|(_, p)| matches!(p, Passing::Tried(_))));
         for i in 0..=stages.len() {
-            let needed = wanted_at[i] || lane_stage.is_some_and(|at| i == at || (tried_behind && i > at));
-            kept.push(needed.then(|| Stretch { values: signal.values.clone(), fine: signal.fine }));
+            let needed =
+                wanted_at[i] || lane_stage.is_some_and(|at| i == at || (tried_behind && i > at));
+            kept.push(needed.then(|| Stretch {
+                values: signal.values.clone(),
+                fine: signal.fine,
+            }));
             if let Some(own) = stages.get_mut(i) {
                 pass(own, &mut signal, substeps, from);
             }
@@ -190,9 +240,13 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Mann
             match (b, alone) {
                 (Some(b), _) => {
                     let Some(input) = &kept[b.from] else { continue };
-                    let mut signal = Stretch { values: input.values.clone(), fine: input.fine };
+                    let mut signal = Stretch {
+                        values: input.values.clone(),
+                        fine: input.fine,
+                    };
                     for (i, own) in b.stages.iter_mut().enumerate() {
-                        let shared = (i == 0 && b.shares).then(|| stages[b.from].stage.by_shared_part());
+                        let shared =
+                            (i == 0 && b.shares).then(|| stages[b.from].stage.by_shared_part());
                         pass_sharing(own, &mut signal, substeps, from, shared);
                     }
                     b.sampled.take(&signal, substeps, out);
@@ -207,7 +261,12 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Mann
         if let Some(lanes) = &mut lanes {
             lanes.run(&kept, substeps, from, &mut block);
         }
-        see(&Chunk { from, reading_um: &reading, variations_um: &outputs, by_coefficient: &block });
+        see(&Chunk {
+            from,
+            reading_um: &reading,
+            variations_um: &outputs,
+            by_coefficient: &block,
+        });
     }
 }
 
@@ -215,9 +274,19 @@ fn pass(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from: usize) 
     pass_sharing(own, signal, substeps, from, None);
 }
 
-fn pass_sharing(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from: usize, shared: Option<&[f64]>) {
+fn pass_sharing(
+    own: &mut OwnStage,
+    signal: &mut Stretch,
+    substeps: usize,
+    from: usize,
+    shared: Option<&[f64]>,
+) {
     if own.fine && !signal.fine {
-        signal.values = signal.values.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect();
+        signal.values = signal
+            .values
+            .iter()
+            .flat_map(|value| std::iter::repeat_n(*value, substeps))
+            .collect();
         signal.fine = true;
     } else if !own.fine && signal.fine {
         signal.values = ends(&signal.values, substeps);
@@ -231,20 +300,46 @@ fn pass_sharing(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from:
 }
 
 /// The stages that a variation has of its own: from the first that may differ.
-fn beside_of<'a>(variation: &Variation, stages: &[OwnStage], substeps: usize, drive: &Drive<'a>) -> Beside<'a> {
+fn beside_of<'a>(
+    variation: &Variation,
+    stages: &[OwnStage],
+    substeps: usize,
+    drive: &Drive<'a>,
+) -> Beside<'a> {
     let model = &variation.model;
     let mut own = stages_of(model, substeps, drive);
-    let declaration = model.effect(&variation.differs).map(|e| e.effect.declaration());
+    let declaration = model
+        .effect(&variation.differs)
+        .map(|e| e.effect.declaration());
     let taken_in_by = declaration.as_ref().and_then(|d| d.modifies);
-    let acts_in = |s: &OwnStage| s.id == variation.differs || taken_in_by.is_some_and(|id| s.id == id);
-    let behind = |s: &OwnStage| declaration.as_ref().is_some_and(|d| model.effects[s.effect].effect.declaration().place >= d.place);
-    let differs = own.iter().position(acts_in).or_else(|| own.iter().position(behind)).unwrap_or(own.len());
-    let alike = own.iter().zip(stages).take_while(|(a, b)| a.id == b.id && a.fine == b.fine).count();
+    let acts_in =
+        |s: &OwnStage| s.id == variation.differs || taken_in_by.is_some_and(|id| s.id == id);
+    let behind = |s: &OwnStage| {
+        declaration
+            .as_ref()
+            .is_some_and(|d| model.effects[s.effect].effect.declaration().place >= d.place)
+    };
+    let differs = own
+        .iter()
+        .position(acts_in)
+        .or_else(|| own.iter().position(behind))
+        .unwrap_or(own.len());
+    let alike = own
+        .iter()
+        .zip(stages)
+        .take_while(|(a, b)| a.id == b.id && a.fine == b.fine)
+        .count();
     let from = differs.min(alike);
     own.drain(..from);
     let part = |of: Option<&OwnStage>| of.and_then(|s| s.stage.shared_part());
-    let shares = part(own.first()).is_some_and(|values| part(stages.get(from)).is_some_and(|others| others == values));
-    Beside { from, shares, stages: own, sampled: Sampled { last: 0.0 } }
+    let shares = part(own.first())
+        .is_some_and(|values| part(stages.get(from)).is_some_and(|others| others == values));
+    Beside {
+        from,
+        shares,
+        stages: own,
+        sampled: Sampled { last: 0.0 },
+    }
 }
 
 fn lanes_of<'a>(
@@ -255,9 +350,19 @@ fn lanes_of<'a>(
     at_rest: &[f64],
 ) -> Option<CoefficientLanes<'a>> {
     let (stage, mut walker) = stages.iter().enumerate().find_map(|(i, own)| {
-        let without_signals = Drive { drive_v: &[], force_n: None, auxiliary: &[], ..*drive };
+        let without_signals = Drive {
+            drive_v: &[],
+            force_n: None,
+            auxiliary: &[],
+            ..*drive
+        };
         let setting = model.setting(&without_signals, if own.fine { substeps } else { 1 });
-        Some((i, model.effects[own.effect].effect.coefficient_walker(model, &setting)?))
+        Some((
+            i,
+            model.effects[own.effect]
+                .effect
+                .coefficient_walker(model, &setting)?,
+        ))
     })?;
     let lanes = walker.coefficients().len();
     let mut row = vec![0.0; lanes];
@@ -275,7 +380,8 @@ fn lanes_of<'a>(
                 let mut tried = Vec::new();
                 for value in &mut row {
                     let mut one = instance.effect.stage(model, &instance.values(), &setting)?;
-                    *value = (one.settle(at_rest[i] + TRIAL_STEP * *value) - at_rest[i + 1]) / TRIAL_STEP;
+                    *value = (one.settle(at_rest[i] + TRIAL_STEP * *value) - at_rest[i + 1])
+                        / TRIAL_STEP;
                     tried.push(one);
                 }
                 Passing::Tried(tried)
@@ -283,27 +389,50 @@ fn lanes_of<'a>(
         };
         behind.push((own.fine, passing));
     }
-    Some(CoefficientLanes { stage, lanes, walker, behind, walker_is_fine: stages[stage].fine, last: row })
+    Some(CoefficientLanes {
+        stage,
+        lanes,
+        walker,
+        behind,
+        walker_is_fine: stages[stage].fine,
+        last: row,
+    })
 }
 
 impl CoefficientLanes<'_> {
     /// Fills the block of a chunk, a row for every sample.
     fn run(&mut self, kept: &[Option<Stretch>], substeps: usize, from: usize, out: &mut Vec<f64>) {
         out.clear();
-        let (lanes, Some(input)) = (self.lanes, &kept[self.stage]) else { return };
+        let (lanes, Some(input)) = (self.lanes, &kept[self.stage]) else {
+            return;
+        };
         let mut inputs = input.values.clone();
         if self.walker_is_fine && !input.fine {
-            inputs = inputs.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect();
+            inputs = inputs
+                .iter()
+                .flat_map(|value| std::iter::repeat_n(*value, substeps))
+                .collect();
         }
         let mut fine = self.walker_is_fine;
         let mut block = vec![0.0; inputs.len() * lanes];
         self.walker.run(&inputs, &mut block);
         for (k, (is_fine, passing)) in self.behind.iter_mut().enumerate() {
             if *is_fine && !fine {
-                block = block.chunks_exact(lanes).flat_map(|row| std::iter::repeat_n(row, substeps)).flatten().copied().collect();
+                block = block
+                    .chunks_exact(lanes)
+                    .flat_map(|row| std::iter::repeat_n(row, substeps))
+                    .flatten()
+                    .copied()
+                    .collect();
                 fine = true;
             } else if !*is_fine && fine {
-                block = block.chunks_exact(lanes).skip(substeps - 1).step_by(substeps).flatten().copied().collect();
+                block = block
+                    .chunks_exact(lanes)
+                    .skip(substeps - 1)
+                    .step_by(substeps)
+                    .flatten()
+                    .copied()
+                    .collect();
                 fine = false;
             }
             match passing {
@@ -332,7 +461,14 @@ impl CoefficientLanes<'_> {
 }
 
 /// Passes every signal through a stage of its own, on top of what comes into the chain's.
-fn try_each(stages: &mut [Box<dyn Stage + '_>], before: &Stretch, behind: &Stretch, from: usize, parts: usize, block: &mut [f64]) {
+fn try_each(
+    stages: &mut [Box<dyn Stage + '_>],
+    before: &Stretch,
+    behind: &Stretch,
+    from: usize,
+    parts: usize,
+    block: &mut [f64],
+) {
     let lanes = stages.len();
     let rows = block.len() / lanes.max(1);
     // What was kept in front may be coarser than the stage, or finer.
@@ -343,7 +479,8 @@ fn try_each(stages: &mut [Box<dyn Stage + '_>], before: &Stretch, behind: &Stret
     for (lane, stage) in stages.iter_mut().enumerate() {
         for k in 0..rows {
             let value = &mut block[k * lanes + lane];
-            *value = (stage.step(from + k, input(k) + TRIAL_STEP * *value) - behind.values[k]) / TRIAL_STEP;
+            *value = (stage.step(from + k, input(k) + TRIAL_STEP * *value) - behind.values[k])
+                / TRIAL_STEP;
         }
     }
 }

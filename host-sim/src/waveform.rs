@@ -30,7 +30,10 @@ pub fn hold(sample_rate_hz: f64, level: f64, duration_s: f64) -> Vec<f64> {
 /// Steps: each `(level, duration_s)` held in turn.
 #[must_use]
 pub fn steps(sample_rate_hz: f64, levels: &[(f64, f64)]) -> Vec<f64> {
-    levels.iter().flat_map(|(level, duration_s)| hold(sample_rate_hz, *level, *duration_s)).collect()
+    levels
+        .iter()
+        .flat_map(|(level, duration_s)| hold(sample_rate_hz, *level, *duration_s))
+        .collect()
 }
 
 /// Straight lines of slope `+-slope_per_s` from vertex to vertex: triangles of any height with nested
@@ -55,13 +58,23 @@ pub fn triangles(sample_rate_hz: f64, slope_per_s: f64, vertices: &[f64]) -> Vec
 /// With `rise_share` = 1 the fall is a jump within one sample, as for the stick-slip actuator (thesis Ch. 3,
 /// Fig. 1).
 #[must_use]
-pub fn saw_tooth(sample_rate_hz: f64, frequency_hz: f64, height: f64, rise_share: f64, cycles: usize) -> Vec<f64> {
+pub fn saw_tooth(
+    sample_rate_hz: f64,
+    frequency_hz: f64,
+    height: f64,
+    rise_share: f64,
+    cycles: usize,
+) -> Vec<f64> {
     let count = samples_in(sample_rate_hz, cycles as f64 / frequency_hz);
     let rise = rise_share.clamp(1e-6, 1.0);
     (0..count)
         .map(|k| {
             let phase = (k as f64 * frequency_hz / sample_rate_hz).fract();
-            if phase < rise { height * phase / rise } else { height * (1.0 - phase) / (1.0 - rise) }
+            if phase < rise {
+                height * phase / rise
+            } else {
+                height * (1.0 - phase) / (1.0 - rise)
+            }
         })
         .collect()
 }
@@ -72,10 +85,13 @@ pub fn saw_tooth(sample_rate_hz: f64, frequency_hz: f64, height: f64, rise_share
 pub fn half_cosines(sample_rate_hz: f64, half_period_s: f64, vertices: &[f64]) -> Vec<f64> {
     let mut out: Vec<f64> = vertices.first().copied().into_iter().collect();
     for (section, pair) in vertices.windows(2).enumerate() {
-        let (from, to) =
-            (samples_in(sample_rate_hz, section as f64 * half_period_s), samples_in(sample_rate_hz, (section + 1) as f64 * half_period_s));
+        let (from, to) = (
+            samples_in(sample_rate_hz, section as f64 * half_period_s),
+            samples_in(sample_rate_hz, (section + 1) as f64 * half_period_s),
+        );
         out.extend((from + 1..=to).map(|k| {
-            let phase = (k as f64 / sample_rate_hz / half_period_s - section as f64).clamp(0.0, 1.0);
+            let phase =
+                (k as f64 / sample_rate_hz / half_period_s - section as f64).clamp(0.0, 1.0);
             pair[0] + (pair[1] - pair[0]) * 0.5 * (1.0 - (PI * phase).cos())
         }));
     }
@@ -90,7 +106,12 @@ pub fn half_cosines(sample_rate_hz: f64, half_period_s: f64, vertices: &[f64]) -
 /// magnitude `a` that passes through its steepest point at `height - a` with the slope `slope_per_s` has the
 /// angular frequency `slope_per_s / a`.
 #[must_use]
-pub fn rounded_triangle(sample_rate_hz: f64, slope_per_s: f64, height: f64, rounding_share: f64) -> Vec<f64> {
+pub fn rounded_triangle(
+    sample_rate_hz: f64,
+    slope_per_s: f64,
+    height: f64,
+    rounding_share: f64,
+) -> Vec<f64> {
     let magnitude = (rounding_share.clamp(1e-9, 1.0)) * height;
     let straight_s = (height - magnitude) / slope_per_s;
     let half_turn_s = PI * magnitude / slope_per_s;
@@ -112,25 +133,50 @@ pub fn rounded_triangle(sample_rate_hz: f64, slope_per_s: f64, height: f64, roun
 
 /// A sine `offset + amplitude sin(2 pi f t + phase)`.
 #[must_use]
-pub fn sine(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset: f64, phase_rad: f64, duration_s: f64) -> Vec<f64> {
+pub fn sine(
+    sample_rate_hz: f64,
+    frequency_hz: f64,
+    amplitude: f64,
+    offset: f64,
+    phase_rad: f64,
+    duration_s: f64,
+) -> Vec<f64> {
     (0..samples_in(sample_rate_hz, duration_s))
-        .map(|k| offset + amplitude * (TAU * frequency_hz * k as f64 / sample_rate_hz + phase_rad).sin())
+        .map(|k| {
+            offset + amplitude * (TAU * frequency_hz * k as f64 / sample_rate_hz + phase_rad).sin()
+        })
         .collect()
 }
 
 /// Bursts: `cycles` raised cosines between `low` and `high`, beginning and ending at `low` (thesis Ch. 5, Eq.
 /// 14 with `low` = 0).
 #[must_use]
-pub fn raised_cosine(sample_rate_hz: f64, frequency_hz: f64, low: f64, high: f64, cycles: usize) -> Vec<f64> {
+pub fn raised_cosine(
+    sample_rate_hz: f64,
+    frequency_hz: f64,
+    low: f64,
+    high: f64,
+    cycles: usize,
+) -> Vec<f64> {
     (0..=samples_in(sample_rate_hz, cycles as f64 / frequency_hz))
-        .map(|k| low + (high - low) * 0.5 * (1.0 - (TAU * frequency_hz * k as f64 / sample_rate_hz).cos()))
+        .map(|k| {
+            low + (high - low)
+                * 0.5
+                * (1.0 - (TAU * frequency_hz * k as f64 / sample_rate_hz).cos())
+        })
         .collect()
 }
 
 /// A burst of a sine around `offset`, its amplitude raised and lowered by a half-cosine window over the whole
 /// duration.
 #[must_use]
-pub fn sine_burst(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset: f64, duration_s: f64) -> Vec<f64> {
+pub fn sine_burst(
+    sample_rate_hz: f64,
+    frequency_hz: f64,
+    amplitude: f64,
+    offset: f64,
+    duration_s: f64,
+) -> Vec<f64> {
     let count = samples_in(sample_rate_hz, duration_s);
     (0..count)
         .map(|k| {
@@ -146,7 +192,14 @@ pub fn sine_burst(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset
 /// Scaled so that it stays within `offset +- peak`. Four sets of phases are drawn and the one with the lowest
 /// crest factor is taken.
 #[must_use]
-pub fn multisine(period_samples: usize, lines: &[usize], peak: f64, offset: f64, periods: usize, seed: u64) -> Vec<f64> {
+pub fn multisine(
+    period_samples: usize,
+    lines: &[usize],
+    peak: f64,
+    offset: f64,
+    periods: usize,
+    seed: u64,
+) -> Vec<f64> {
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     let mut best: Vec<f64> = vec![0.0; period_samples];
     let mut best_peak = f64::INFINITY;
@@ -166,7 +219,11 @@ pub fn multisine(period_samples: usize, lines: &[usize], peak: f64, offset: f64,
             best = period;
         }
     }
-    let scale = if best_peak > 0.0 && best_peak.is_finite() { peak / best_peak } else { 0.0 };
+    let scale = if best_peak > 0.0 && best_peak.is_finite() {
+        peak / best_peak
+    } else {
+        0.0
+    };
     let period: Vec<f64> = best.iter().map(|v| offset + scale * v).collect();
     period.repeat(periods)
 }
@@ -174,7 +231,15 @@ pub fn multisine(period_samples: usize, lines: &[usize], peak: f64, offset: f64,
 /// A chirp `offset + amplitude sin(phase)` whose frequency runs linearly from `from_hz` to `to_hz`, beginning
 /// at phase `phase_rad`.
 #[must_use]
-pub fn chirp(sample_rate_hz: f64, from_hz: f64, to_hz: f64, amplitude: f64, offset: f64, phase_rad: f64, duration_s: f64) -> Vec<f64> {
+pub fn chirp(
+    sample_rate_hz: f64,
+    from_hz: f64,
+    to_hz: f64,
+    amplitude: f64,
+    offset: f64,
+    phase_rad: f64,
+    duration_s: f64,
+) -> Vec<f64> {
     (0..samples_in(sample_rate_hz, duration_s))
         .map(|k| {
             let t = k as f64 / sample_rate_hz;
@@ -210,7 +275,13 @@ mod tests {
     fn triangles_reach_every_vertex_at_the_nominal_slope() {
         let signal = triangles(FS, 200.0, &[0.0, 70.0, 20.0, 45.0, 0.0]);
         assert_eq!(signal.len(), 1 + 7000 + 5000 + 2500 + 4500);
-        for (index, level) in [(0, 0.0), (7000, 70.0), (12000, 20.0), (14500, 45.0), (19000, 0.0)] {
+        for (index, level) in [
+            (0, 0.0),
+            (7000, 70.0),
+            (12000, 20.0),
+            (14500, 45.0),
+            (19000, 0.0),
+        ] {
             assert!((signal[index] - level).abs() < 1e-9);
         }
         for pair in signal.windows(2) {
@@ -226,7 +297,12 @@ mod tests {
         assert!(slopes.iter().all(|s| s.abs() < 10_001.0));
         // No corner but at the two ends: the slope changes by no more than the curvature of the sine allows.
         let curvature = 10_000.0_f64.powi(2) / 35.0;
-        assert!(slopes.windows(2).take(slopes.len() - 3).all(|p| (p[1] - p[0]).abs() < 1.01 * curvature * 1e-6));
+        assert!(
+            slopes
+                .windows(2)
+                .take(slopes.len() - 3)
+                .all(|p| (p[1] - p[0]).abs() < 1.01 * curvature * 1e-6)
+        );
     }
 
     #[test]
@@ -244,7 +320,11 @@ mod tests {
                 im += value * angle.sin();
             }
             let amplitude = 2.0 * (re * re + im * im).sqrt() / 512.0;
-            assert_eq!(amplitude > 1e-9, lines.contains(&line), "line {line}: {amplitude}");
+            assert_eq!(
+                amplitude > 1e-9,
+                lines.contains(&line),
+                "line {line}: {amplitude}"
+            );
         }
     }
 
@@ -255,7 +335,9 @@ mod tests {
         assert_eq!(signal.len(), 101);
         let burst = raised_cosine(FS, 100.0, 0.0, 70.0, 3);
         assert_eq!(burst.len(), 601);
-        assert!((burst[100] - 70.0).abs() < 1e-9 && burst[200].abs() < 1e-9 && burst[600].abs() < 1e-9);
+        assert!(
+            (burst[100] - 70.0).abs() < 1e-9 && burst[200].abs() < 1e-9 && burst[600].abs() < 1e-9
+        );
     }
 
     #[test]

@@ -7,15 +7,22 @@ use hysteron_thesis::{commission, run, sine_reference_um};
 use std::time::Instant;
 
 fn main() {
-    let Ok(bench) = Bench::reference() else { return };
+    let Ok(bench) = Bench::reference() else {
+        return;
+    };
     let (reference, _) = sine_reference_um(&bench, 10.0, 5.0);
     // A conditioning cycle of 1.1 s comes before the reference.
     let simulated_s = reference.len() as f64 / bench.converters.sample_rate_hz + 1.1;
     for (name, variant) in [("plain", Variant::PLAIN), ("full", Variant::FULL)] {
-        let Some(commissioned) = commission(&bench, variant) else { continue };
+        let Some(commissioned) = commission(&bench, variant) else {
+            continue;
+        };
         let mut designs = vec![("predictor", commissioned.design.clone())];
         if let Some(scheme) = thesis_scheme("pidsmoc") {
-            designs.push(("pidsmoc", ServoDesign::new(scheme, &commissioned.identified.model, false)));
+            designs.push((
+                "pidsmoc",
+                ServoDesign::new(scheme, &commissioned.identified.model, false),
+            ));
         }
         for (scheme, design) in designs {
             // The quickest of several runs: what other programs take does not count.
@@ -26,7 +33,10 @@ fn main() {
                     Some(start.elapsed().as_secs_f64())
                 })
                 .fold(f64::INFINITY, f64::min);
-            println!("{name} bench, {scheme}, 10 sub-steps: {:.0} x real time", simulated_s / quickest_s);
+            println!(
+                "{name} bench, {scheme}, 10 sub-steps: {:.0} x real time",
+                simulated_s / quickest_s
+            );
         }
     }
 }

@@ -16,7 +16,8 @@ use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
 use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::learning_study::{
-    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
+    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,
+    learned_on_bench, sine_on_bench,
 };
 use hysteron_tests::servo_study::{StudyRecording, kept_model, record};
 
@@ -33,9 +34,14 @@ fn on_bench() {
         Err(reason) => return println!("{reason}"),
     };
     println!("{}\n", design.explanation.join(" "));
-    let as_it_reads = ServoDesign { sensor_lag_s: None, ..design.clone() };
+    let as_it_reads = ServoDesign {
+        sensor_lag_s: None,
+        ..design.clone()
+    };
     let ways = [(false, &as_it_reads), (true, &design)];
-    println!("| full bench | lag undone | learning | true, % of stroke | read | read but for the sensor's lag |");
+    println!(
+        "| full bench | lag undone | learning | true, % of stroke | read | read but for the sensor's lag |"
+    );
     println!("|---|---|---|---|---|---|");
     for (change, ratio) in [("as recorded", 1.0), ("5 % less", 0.95), ("5 % more", 1.05)] {
         for (undone, design) in ways {
@@ -48,20 +54,41 @@ fn on_bench() {
             }
         }
     }
-    println!("\n| sine, Hz | true, % of the amplitude, lag not undone | undone | read but for the sensor's lag, not undone | undone |");
+    println!(
+        "\n| sine, Hz | true, % of the amplitude, lag not undone | undone | read but for the sensor's lag, not undone | undone |"
+    );
     println!("|---|---|---|---|---|");
     for hz in [1.0, 10.0, 50.0, 100.0, 200.0, 300.0, 500.0] {
-        let [left, undone] = ways.map(|(_, design)| sine_on_bench(&bench, &ServoDesign { learning: None, ..design.clone() }, hz));
+        let [left, undone] = ways.map(|(_, design)| {
+            sine_on_bench(
+                &bench,
+                &ServoDesign {
+                    learning: None,
+                    ..design.clone()
+                },
+                hz,
+            )
+        });
         println!(
             "| {hz} | {:.4} | {:.4} | {:.4} | {:.4} |",
-            left.true_percent, undone.true_percent, left.read_but_for_the_lag_percent, undone.read_but_for_the_lag_percent
+            left.true_percent,
+            undone.true_percent,
+            left.read_but_for_the_lag_percent,
+            undone.read_but_for_the_lag_percent
         );
     }
-    println!("\n| sensor's lag believed, of its own | true with learning, 5 % less, % of stroke | 5 % more |");
+    println!(
+        "\n| sensor's lag believed, of its own | true with learning, 5 % less, % of stroke | 5 % more |"
+    );
     println!("|---|---|---|");
     for share in [0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3] {
-        let believed = ServoDesign { sensor_lag_s: Some(share * lag_s(bench.full.sensor_bandwidth_hz)), ..design.clone() };
-        let [less, more] = [0.95, 1.05].map(|ratio| learned_on_bench(&changed_bench(&bench, ratio), &believed, true, 9).true_percent);
+        let believed = ServoDesign {
+            sensor_lag_s: Some(share * lag_s(bench.full.sensor_bandwidth_hz)),
+            ..design.clone()
+        };
+        let [less, more] = [0.95, 1.05].map(|ratio| {
+            learned_on_bench(&changed_bench(&bench, ratio), &believed, true, 9).true_percent
+        });
         println!("| {share} | {less:.4} | {more:.4} |");
     }
 }
@@ -70,8 +97,14 @@ fn main() {
     if std::env::args().nth(1).as_deref() == Some("bench") {
         return on_bench();
     }
-    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
+    let numbers: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let (stages, first) = (
+        numbers.first().copied().unwrap_or(24),
+        numbers.get(1).copied().unwrap_or(0),
+    );
     println!(
         "| stage | first mode | second mode | learned to, Hz | contraction | 5 % | way | nm RMS in period 1, 2, 3, 5, 8, 10 | % of stroke in period 10 | after {PERIODS}: % (largest, nm) |"
     );
@@ -83,7 +116,12 @@ fn main() {
         let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
         let design = match order::design(
             &chain,
-            &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() },
+            &DesignOrder {
+                recording: Some(&dataset),
+                learning: true,
+                usual_margins: false,
+                ..DesignOrder::default()
+            },
         ) {
             Ok(design) => design,
             Err(reason) => {
@@ -92,12 +130,25 @@ fn main() {
             }
         };
         let filters = design.learning.as_ref().expect("ordered");
-        for point in filters.convergence.iter().step_by(10).filter(|_| std::env::var_os("CURVE").is_some()) {
-            eprintln!("{seed}: {:.0} Hz: Q {:.3}, |1 - L T| {:.3}, at worst {:.3}", point.hz, point.robustness, point.nominal, point.worst);
+        for point in filters
+            .convergence
+            .iter()
+            .step_by(10)
+            .filter(|_| std::env::var_os("CURVE").is_some())
+        {
+            eprintln!(
+                "{seed}: {:.0} Hz: Q {:.3}, |1 - L T| {:.3}, at worst {:.3}",
+                point.hz, point.robustness, point.nominal, point.worst
+            );
         }
         let mut largest_percent = 0.0_f64;
         for (sign, change) in [("less", FIVE_PERCENT_LESS), ("more", FIVE_PERCENT_MORE)] {
-            for way in [LearningWay::Nothing, LearningWay::EveryTick, LearningWay::WholePeriods, LearningWay::Harmonics] {
+            for way in [
+                LearningWay::Nothing,
+                LearningWay::EveryTick,
+                LearningWay::WholePeriods,
+                LearningWay::Harmonics,
+            ] {
                 let found = learned(&truth, change, &design, way, PERIODS);
                 if way == LearningWay::EveryTick {
                     largest_percent = largest_percent.max(found.percent(9));
@@ -107,7 +158,10 @@ fn main() {
                     "| {seed} | {:.0} Hz, {:.2} | {} | {:.0} | {:.2} | {sign} | {way:?} | {} | {:.4} | {:.4} ({:.0}) |",
                     truth.first_mode.frequency_hz,
                     truth.first_mode.damping_ratio,
-                    truth.second_mode.map_or("none".into(), |m| format!("{:.0} Hz, {:.3}", m.frequency_hz, m.damping_ratio)),
+                    truth.second_mode.map_or("none".into(), |m| format!(
+                        "{:.0} Hz, {:.3}",
+                        m.frequency_hz, m.damping_ratio
+                    )),
                     filters.learns_to_hz(),
                     filters.worst_contraction().0,
                     [1, 2, 3, 5, 8, 10].map(nm).join(" / "),
@@ -119,5 +173,7 @@ fn main() {
         }
         met += u64::from(largest_percent <= ASKED_PERCENT);
     }
-    println!("\nat most {ASKED_PERCENT} % of the stroke in period 10, 5 % less and 5 % more: {met} of {stages}");
+    println!(
+        "\nat most {ASKED_PERCENT} % of the stroke in period 10, 5 % less and 5 % more: {met} of {stages}"
+    );
 }

@@ -9,7 +9,9 @@ use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::light_mode_study::{MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode};
+use hysteron_tests::light_mode_study::{
+    MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode,
+};
 use hysteron_tests::servo_study::{StudyRecording, at_work, kept_model, record};
 
 /// One line of the table.
@@ -29,12 +31,19 @@ fn line(name: &str, truth: &StageTruth, design: &ServoDesign) -> String {
         followed(0.8),
         followed(1.2),
         work.rest_um / truth.noise_um,
-        work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ")
+        work.errors
+            .iter()
+            .map(|e| format!("{:.1}", 1e3 * e.rms_um))
+            .collect::<Vec<_>>()
+            .join(" / ")
     )
 }
 
 fn main() {
-    let mut seeds: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let mut seeds: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
     if seeds.is_empty() {
         // Every third stage is drawn with a lightly damped first mode.
         seeds = (0..24).step_by(3).collect();
@@ -56,16 +65,40 @@ fn main() {
         );
         println!("|---|---|---|---|---|---|---|");
         let designed = |mode_moves: f64| {
-            order::design(&chain, &DesignOrder { recording: Some(&dataset), mode_moves, usual_margins: false, ..DesignOrder::default() })
+            order::design(
+                &chain,
+                &DesignOrder {
+                    recording: Some(&dataset),
+                    mode_moves,
+                    usual_margins: false,
+                    ..DesignOrder::default()
+                },
+            )
         };
         match designed(0.0) {
             Err(reason) => println!("| usual design | refused: {reason} |"),
             Ok(usual) => {
                 println!("{}", line("usual design", &truth, &usual));
-                for scheme in ["feedforward-pi", "feedforward-pi-notch", "disturbance-observer-inverse", "pidsmoc"] {
+                for scheme in [
+                    "feedforward-pi",
+                    "feedforward-pi-notch",
+                    "disturbance-observer-inverse",
+                    "pidsmoc",
+                ] {
                     match with_scheme(&usual, scheme) {
                         Err(reason) => println!("| {scheme} | {reason} |"),
-                        Ok(other) => println!("{}", line(scheme, &truth, &ServoDesign { delayed: true, noise_shaping: true, ..other })),
+                        Ok(other) => println!(
+                            "{}",
+                            line(
+                                scheme,
+                                &truth,
+                                &ServoDesign {
+                                    delayed: true,
+                                    noise_shaping: true,
+                                    ..other
+                                }
+                            )
+                        ),
                     }
                 }
             }

@@ -58,20 +58,35 @@ struct Set {
 
 fn sets() -> File {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/recorded_sets.toml");
-    toml::from_str(&std::fs::read_to_string(path).expect("the sets are there")).expect("the sets can be read")
+    toml::from_str(&std::fs::read_to_string(path).expect("the sets are there"))
+        .expect("the sets can be read")
 }
 
 /// Effects of which subsets are formed.
-const SEVEN: [&str; 7] = ["initial_curve", "creep", "vibration", "friction", "amplifier_bandwidth", "sensor_bandwidth", "rate_dependence"];
+const SEVEN: [&str; 7] = [
+    "initial_curve",
+    "creep",
+    "vibration",
+    "friction",
+    "amplifier_bandwidth",
+    "sensor_bandwidth",
+    "rate_dependence",
+];
 
 /// The manifest of a set.
 fn manifest(set: &Set, stage: &Stage) -> String {
     let span_v = stage.span_v;
-    let mut out = format!("name = \"{}\"\ndrive_min_v = -{span_v:.1}\ndrive_max_v = {span_v:.1}\n", set.name);
+    let mut out = format!(
+        "name = \"{}\"\ndrive_min_v = -{span_v:.1}\ndrive_max_v = {span_v:.1}\n",
+        set.name
+    );
     for (role, records) in [("identify", &set.fitted), ("validate", &set.held_out)] {
         for record in records {
             let part = stage.other.get(record).unwrap_or(&stage.record);
-            let _ = write!(out, "\n[[record]]\nfile = \"{record}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n");
+            let _ = write!(
+                out,
+                "\n[[record]]\nfile = \"{record}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n"
+            );
         }
     }
     out
@@ -81,10 +96,14 @@ fn load(set: &Set, stage: &Stage, data: &Path) -> Dataset {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for record in set.fitted.iter().chain(&set.held_out) {
         let source = stage.copy_of.get(record).unwrap_or(record);
-        std::fs::copy(data.join(&set.stage).join(format!("{source}.csv")), folder.path().join(format!("{record}.csv")))
-            .expect("the recording can be copied");
+        std::fs::copy(
+            data.join(&set.stage).join(format!("{source}.csv")),
+            folder.path().join(format!("{record}.csv")),
+        )
+        .expect("the recording can be copied");
     }
-    std::fs::write(folder.path().join("dataset.toml"), manifest(set, stage)).expect("the manifest can be written");
+    std::fs::write(folder.path().join("dataset.toml"), manifest(set, stage))
+        .expect("the manifest can be written");
     folder::load(folder.path()).expect("the set can be read")
 }
 
@@ -94,7 +113,10 @@ fn errors_um(model: &Model, dataset: &Dataset, set: &Set) -> (f64, f64) {
         let each = dataset.records.iter().filter(|r| names.contains(&r.name));
         let (sum, count) = each.fold((0.0, 0), |(sum, count), record| {
             let left = residual(model, record);
-            (sum + rms(&left).powi(2) * left.len() as f64, count + left.len())
+            (
+                sum + rms(&left).powi(2) * left.len() as f64,
+                count + left.len(),
+            )
         });
         (sum / count as f64).sqrt()
     };
@@ -109,13 +131,23 @@ fn nm(um: f64) -> String {
 fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
     let mut best: Option<(Vec<&'static str>, f64, f64)> = None;
     for mask in 0..1_u32 << SEVEN.len() {
-        let chosen: Vec<&'static str> =
-            std::iter::once("hysteresis").chain((0..SEVEN.len()).filter(|i| mask >> i & 1 == 1).map(|i| SEVEN[i])).collect();
+        let chosen: Vec<&'static str> = std::iter::once("hysteresis")
+            .chain(
+                (0..SEVEN.len())
+                    .filter(|i| mask >> i & 1 == 1)
+                    .map(|i| SEVEN[i]),
+            )
+            .collect();
         let effects = effects_named(&chosen.join(",")).expect("known effects");
         eprint!("\r{:>4} of 128 subsets", mask + 1);
-        let Ok(found) = identify(dataset, &effects, &Unwatched) else { continue };
+        let Ok(found) = identify(dataset, &effects, &Unwatched) else {
+            continue;
+        };
         let (fitted, held_out) = errors_um(&found.model, dataset, set);
-        if best.as_ref().is_none_or(|(_, f, h)| fitted * held_out < f * h) {
+        if best
+            .as_ref()
+            .is_none_or(|(_, f, h)| fitted * held_out < f * h)
+        {
             best = Some((chosen, fitted, held_out));
         }
     }
@@ -128,25 +160,47 @@ fn main() {
     let subsets = flag(&mut arguments, "--subsets");
     let reversed = flag(&mut arguments, "--reversed");
     let trace = MeasuredTrace::default();
-    let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
-    let Some(data) = folder_of_recordings(&mut arguments) else { return };
+    let watch: &dyn Watch = if flag(&mut arguments, "--trace") {
+        &trace
+    } else {
+        &Unwatched
+    };
+    let Some(data) = folder_of_recordings(&mut arguments) else {
+        return;
+    };
     let only = value_of(&mut arguments, "--identify");
-    let within = value_of(&mut arguments, "--within").map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
+    let within = value_of(&mut arguments, "--within")
+        .map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
     let sets = sets();
-    for set in sets.set.iter().filter(|s| arguments.is_empty() || arguments.contains(&s.name)) {
+    for set in sets
+        .set
+        .iter()
+        .filter(|s| arguments.is_empty() || arguments.contains(&s.name))
+    {
         let dataset = load(set, &sets.stage[&set.stage], &data);
         if let Some(effects) = &only {
             let listed = effects_named(effects).expect("known effects");
             let found = identify(&dataset, &listed, &Unwatched).expect("it can be identified");
             let (fitted, held_out) = errors_um(&found.model, &dataset, set);
-            println!("{:<12} {:>7} / {:>7} nm  {}", set.name, nm(fitted), nm(held_out), found.model.effect_ids().join(","));
+            println!(
+                "{:<12} {:>7} / {:>7} nm  {}",
+                set.name,
+                nm(fitted),
+                nm(held_out),
+                found.model.effect_ids().join(",")
+            );
             continue;
         }
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
-        let explained =
-            |watch: &dyn Watch| analyse(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
-        let found = within.map_or_else(|| explained(watch), |within| explained(&Deadline::new(watch, within)));
+        let explained = |watch: &dyn Watch| {
+            analyse(&dataset, Start::Effects(&gain), &Options::default(), watch)
+                .expect("it can be explained")
+        };
+        let found = within.map_or_else(
+            || explained(watch),
+            |within| explained(&Deadline::new(watch, within)),
+        );
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
         println!(
@@ -161,10 +215,25 @@ fn main() {
         if reversed {
             let mut other = dataset.clone();
             other.records.reverse();
-            let again = analyse(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let again = analyse(
+                &other,
+                Start::Effects(&gain),
+                &Options::default(),
+                &Unwatched,
+            )
+            .expect("it can be explained");
             let (f, h) = errors_um(&again.model, &other, set);
-            let same = if again.model.effect_ids() == found.model.effect_ids() { "the same effects" } else { "OTHER EFFECTS" };
-            println!("{:<12} {:>7} / {:>7} nm  records in the other order: {same}", "", nm(f), nm(h));
+            let same = if again.model.effect_ids() == found.model.effect_ids() {
+                "the same effects"
+            } else {
+                "OTHER EFFECTS"
+            };
+            println!(
+                "{:<12} {:>7} / {:>7} nm  records in the other order: {same}",
+                "",
+                nm(f),
+                nm(h)
+            );
         }
         if subsets {
             let (effects, f, h) = best_subset(&dataset, set);

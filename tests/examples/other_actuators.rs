@@ -13,17 +13,31 @@ use hysteron_tests::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
 use std::time::Instant;
 
 fn main() {
-    let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(4);
+    let seeds: u64 = std::env::args()
+        .nth(1)
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(4);
     let gain = effects_named("gain").expect("a built-in effect");
     let mut wrong = 0;
     for kind in KINDS {
         for seed in 1..=seeds {
             let dataset = recorded(kind, seed);
             let begin = Instant::now();
-            let found = analyse(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let found = analyse(
+                &dataset,
+                Start::Effects(&gain),
+                &Options::default(),
+                &Unwatched,
+            )
+            .expect("it can be explained");
             let claims = matches!(found.diagnosis.verdict, Verdict::Named | Verdict::Ambiguous);
             let allowed = |id: &str| !OF_CERAMICS.contains(&id) || imitated(kind).contains(&id);
-            let of_ceramics = claims && found.diagnosis.findings.iter().any(|f| f.effects.iter().all(|id| !allowed(id)));
+            let of_ceramics = claims
+                && found
+                    .diagnosis
+                    .findings
+                    .iter()
+                    .any(|f| f.effects.iter().all(|id| !allowed(id)));
             wrong += usize::from(of_ceramics);
             let (first, last) = (&found.steps[0].judged, found.last());
             println!(
@@ -34,10 +48,19 @@ fn main() {
                 1e3 * last.error_um(),
                 1e3 * found.floor.rms_um.unwrap_or(f64::NAN),
                 begin.elapsed().as_secs_f64(),
-                found.diagnosis.findings.iter().map(|f| f.effects.join(" or ")).collect::<Vec<_>>().join(", "),
+                found
+                    .diagnosis
+                    .findings
+                    .iter()
+                    .map(|f| f.effects.join(" or "))
+                    .collect::<Vec<_>>()
+                    .join(", "),
                 if of_ceramics { "  <- of a ceramic" } else { "" },
             );
         }
     }
-    println!("{wrong} of {} told an effect of ceramics", KINDS.len() as u64 * seeds);
+    println!(
+        "{wrong} of {} told an effect of ceramics",
+        KINDS.len() as u64 * seeds
+    );
 }

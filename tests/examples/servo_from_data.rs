@@ -8,11 +8,16 @@
 
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{
-    FREQUENCIES_HZ, StudyAtWork, StudyRecording, at_work, designed, designed_with_the_truth, kept_model, record,
+    FREQUENCIES_HZ, StudyAtWork, StudyRecording, at_work, designed, designed_with_the_truth,
+    kept_model, record,
 };
 
 fn nm(work: &StudyAtWork) -> String {
-    work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ")
+    work.errors
+        .iter()
+        .map(|e| format!("{:.1}", 1e3 * e.rms_um))
+        .collect::<Vec<_>>()
+        .join(" / ")
 }
 
 /// A figure that is the largest so far, and where it was found.
@@ -25,15 +30,26 @@ struct Largest {
 impl Largest {
     fn take(&mut self, value: f64, place: impl FnOnce() -> String) {
         if value > self.value {
-            *self = Self { value, place: place() };
+            *self = Self {
+                value,
+                place: place(),
+            };
         }
     }
 }
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
-    println!("| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | target's own | wideband |");
+    let numbers: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let (stages, first) = (
+        numbers.first().copied().unwrap_or(24),
+        numbers.get(1).copied().unwrap_or(0),
+    );
+    println!(
+        "| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | target's own | wideband |"
+    );
     println!("|---|---|---|---|---|---|---|---|");
     let (mut stable, mut refused, mut unstable) = (0, 0, 0);
     // Of each kind of recording, nm; and of the wideband one over the best with the truth.
@@ -56,22 +72,39 @@ fn main() {
                 }
                 Ok(design) => {
                     let work = at_work(&truth, StageChange::NONE, &design);
-                    *(if work.unstable { &mut unstable } else { &mut stable }) += 1;
-                    eprintln!("{seed} {}: {}", recording.name(), design.explanation.join(" "));
+                    *(if work.unstable {
+                        &mut unstable
+                    } else {
+                        &mut stable
+                    }) += 1;
+                    eprintln!(
+                        "{seed} {}: {}",
+                        recording.name(),
+                        design.explanation.join(" ")
+                    );
                     for (hz, error) in FREQUENCIES_HZ.iter().zip(&work.errors) {
                         error_nm.take(1e3 * error.rms_um, || format!("stage {seed} at {hz} Hz"));
                     }
-                    let cell = format!("{}{}", nm(&work), if work.unstable { " UNSTABLE" } else { "" });
+                    let cell = format!(
+                        "{}{}",
+                        nm(&work),
+                        if work.unstable { " UNSTABLE" } else { "" }
+                    );
                     wideband = Some(work);
                     cell
                 }
             };
             cells.push(cell);
             if recording == StudyRecording::Wideband {
-                let known = designed_with_the_truth(&truth, &chain).map(|d| at_work(&truth, StageChange::NONE, &d));
+                let known = designed_with_the_truth(&truth, &chain)
+                    .map(|d| at_work(&truth, StageChange::NONE, &d));
                 if let (Some(known), Some(work)) = (&known, &wideband) {
-                    for ((hz, of_work), of_known) in FREQUENCIES_HZ.iter().zip(&work.errors).zip(&known.errors) {
-                        ratio.take(of_work.rms_um / of_known.rms_um, || format!("stage {seed} at {hz} Hz"));
+                    for ((hz, of_work), of_known) in
+                        FREQUENCIES_HZ.iter().zip(&work.errors).zip(&known.errors)
+                    {
+                        ratio.take(of_work.rms_um / of_known.rms_um, || {
+                            format!("stage {seed} at {hz} Hz")
+                        });
                     }
                 }
                 best = known.as_ref().map_or("none".into(), nm);
@@ -90,7 +123,15 @@ fn main() {
     }
     println!("\n{stable} stable, {refused} refused, {unstable} unstable");
     for (recording, largest) in StudyRecording::ALL.iter().zip(&errors_nm) {
-        println!("{}: at most {:.1} nm ({})", recording.name(), largest.value, largest.place);
+        println!(
+            "{}: at most {:.1} nm ({})",
+            recording.name(),
+            largest.value,
+            largest.place
+        );
     }
-    println!("wideband over the best with the truth: at most {:.2} ({})", ratio.value, ratio.place);
+    println!(
+        "wideband over the best with the truth: at most {:.2} ({})",
+        ratio.value, ratio.place
+    );
 }

@@ -21,14 +21,28 @@ fn design_of(truth: &StageTruth) -> Result<ServoDesign, String> {
     let chain = match std::fs::read_to_string(&file) {
         Ok(text) => from_toml(&text, &file.display().to_string()).map_err(|e| e.to_string())?,
         Err(_) => {
-            let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").map_err(|e| e.to_string())?;
-            let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).map_err(|e| e.to_string())?.model;
+            let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep")
+                .map_err(|e| e.to_string())?;
+            let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched)
+                .map_err(|e| e.to_string())?
+                .model;
             std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
-            std::fs::write(&file, to_toml(&chain, &dataset.name).map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
+            std::fs::write(
+                &file,
+                to_toml(&chain, &dataset.name).map_err(|e| e.to_string())?,
+            )
+            .map_err(|e| e.to_string())?;
             chain
         }
     };
-    order::design(&chain, &DesignOrder { recording: Some(&dataset), usual_margins: false, ..DesignOrder::default() })
+    order::design(
+        &chain,
+        &DesignOrder {
+            recording: Some(&dataset),
+            usual_margins: false,
+            ..DesignOrder::default()
+        },
+    )
 }
 
 fn nm(um: f64) -> String {
@@ -36,8 +50,14 @@ fn nm(um: f64) -> String {
 }
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
+    let numbers: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let (stages, first) = (
+        numbers.first().copied().unwrap_or(24),
+        numbers.get(1).copied().unwrap_or(0),
+    );
     println!(
         "| stage | gain | Hz | {} | gain believed at the end, in the order of the ways |",
         AdaptationWay::ALL.map(|w| format!("{w:?}")).join(" | ")
@@ -51,21 +71,33 @@ fn main() {
                 continue;
             }
         };
-        let drifts = [0.8, 0.9, 1.0, 1.1, 1.2].map(AdaptationDrift::none).into_iter().chain([AdaptationDrift {
-            from: 1.15,
-            to: 0.85,
-            lasts_s: 12.0,
-        }]);
+        let drifts = [0.8, 0.9, 1.0, 1.1, 1.2]
+            .map(AdaptationDrift::none)
+            .into_iter()
+            .chain([AdaptationDrift {
+                from: 1.15,
+                to: 0.85,
+                lasts_s: 12.0,
+            }]);
         for drift in drifts {
             for hz in [10.0, 50.0, 150.0] {
                 let reference = sine_um(&truth, hz, if drift.lasts_s > 0.0 { 12.0 } else { 7.0 });
-                let found = AdaptationWay::ALL.map(|way| adapted(&truth, drift, &design, way, &reference));
+                let found =
+                    AdaptationWay::ALL.map(|way| adapted(&truth, drift, &design, way, &reference));
                 println!(
                     "| {seed} | {} to {} | {hz} | {} | {} |",
                     drift.from,
                     drift.to,
-                    found.iter().map(|f| nm(f.at_last.rms_um)).collect::<Vec<_>>().join(" | "),
-                    found.iter().map(|f| format!("{:.3}", f.gain)).collect::<Vec<_>>().join(" / "),
+                    found
+                        .iter()
+                        .map(|f| nm(f.at_last.rms_um))
+                        .collect::<Vec<_>>()
+                        .join(" | "),
+                    found
+                        .iter()
+                        .map(|f| format!("{:.3}", f.gain))
+                        .collect::<Vec<_>>()
+                        .join(" / "),
                 );
             }
         }
@@ -73,9 +105,20 @@ fn main() {
             let mut other = truth.clone();
             other.creep.iter_mut().for_each(|term| term.0 *= times);
             let error = |hz: f64| {
-                nm(adapted(&other, AdaptationDrift::none(1.0), &design, AdaptationWay::Nothing, &sine_um(&truth, hz, 7.0)).at_last.rms_um)
+                nm(adapted(
+                    &other,
+                    AdaptationDrift::none(1.0),
+                    &design,
+                    AdaptationWay::Nothing,
+                    &sine_um(&truth, hz, 7.0),
+                )
+                .at_last
+                .rms_um)
             };
-            println!("| {seed} | creep times {times} | 1, 10, 50, 150 | {} |", [1.0, 10.0, 50.0, 150.0].map(error).join(" / "));
+            println!(
+                "| {seed} | creep times {times} | 1, 10, 50, 150 | {} |",
+                [1.0, 10.0, 50.0, 150.0].map(error).join(" / ")
+            );
         }
     }
 }

@@ -35,7 +35,13 @@ pub enum AdaptationWay {
 
 impl AdaptationWay {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Nothing, Self::InTheTick, Self::WithTheDrive, Self::FromTheError, Self::Known];
+    pub const ALL: [Self; 5] = [
+        Self::Nothing,
+        Self::InTheTick,
+        Self::WithTheDrive,
+        Self::FromTheError,
+        Self::Known,
+    ];
 }
 
 /// A stage whose gain drifts.
@@ -53,11 +59,19 @@ impl AdaptationDrift {
     /// A gain that stays.
     #[must_use]
     pub fn none(gain: f64) -> Self {
-        Self { from: gain, to: gain, lasts_s: 0.0 }
+        Self {
+            from: gain,
+            to: gain,
+            lasts_s: 0.0,
+        }
     }
 
     fn at(&self, time_s: f64) -> f64 {
-        let share = if time_s >= self.lasts_s { 1.0 } else { time_s / self.lasts_s };
+        let share = if time_s >= self.lasts_s {
+            1.0
+        } else {
+            time_s / self.lasts_s
+        };
         self.from + (self.to - self.from) * share
     }
 }
@@ -71,7 +85,10 @@ struct Drifting {
 impl Plant for Drifting {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
         let gain_ratio = self.drift.at(self.periods as f64 * SAMPLING_PERIOD_S);
-        self.stage.change_to(StageChange { gain_ratio, ..StageChange::NONE });
+        self.stage.change_to(StageChange {
+            gain_ratio,
+            ..StageChange::NONE
+        });
         self.periods += 1;
         self.stage.advance(drive_v, external_um);
     }
@@ -88,13 +105,19 @@ impl Plant for Drifting {
 /// The design with the gain of its model multiplied.
 #[must_use]
 pub fn with_gain(design: &ServoDesign, gain: f64) -> ServoDesign {
-    ServoDesign { model: design.model.with_gain(gain), ..design.clone() }
+    ServoDesign {
+        model: design.model.with_gain(gain),
+        ..design.clone()
+    }
 }
 
 /// The design with the scheme that is judged.
 #[must_use]
 pub fn adaptive(design: &ServoDesign) -> ServoDesign {
-    ServoDesign { adaptation: Some(AdaptationDesign::new(design.model.reach_um())), ..design.clone() }
+    ServoDesign {
+        adaptation: Some(AdaptationDesign::new(design.model.reach_um())),
+        ..design.clone()
+    }
 }
 
 /// A tick whose block is exchanged for one with another gain, window by window, all in f64.
@@ -118,10 +141,15 @@ struct Around {
 
 impl Around {
     fn new(servo: ServoTick, way: AdaptationWay, design: &ServoDesign) -> Self {
-        let Scheme::Predictor { tuning, .. } = &design.scheme else { unreachable!("a predictor") };
+        let Scheme::Predictor { tuning, .. } = &design.scheme else {
+            unreachable!("a predictor")
+        };
         let law = PredictorDesign::new(&design.model.linear, tuning);
         let at_rad_s = TAU * 50.0;
-        let late = law.sensitivities(&design.model.linear.sampled(), at_rad_s).0.norm();
+        let late = law
+            .sensitivities(&design.model.linear.sampled(), at_rad_s)
+            .0
+            .norm();
         Self {
             way,
             design: design.clone(),
@@ -143,22 +171,41 @@ impl Around {
     fn watch(&mut self) {
         let um = |bits: i32| f64::from(bits) / f64::from(ONE);
         let newest = self.references_um.len().saturating_sub(WINDOW);
-        let fed: f64 = self.references_um[newest..].iter().zip(&self.feedforward).map(|(r, c)| r * c).sum();
+        let fed: f64 = self.references_um[newest..]
+            .iter()
+            .zip(&self.feedforward)
+            .map(|(r, c)| r * c)
+            .sum();
         let error_um = um(self.servo.reference().to_bits()) - um(self.servo.reading().to_bits());
-        let moving = if self.way == AdaptationWay::WithTheDrive { um(self.servo.applied().to_bits()) } else { fed };
-        let carried = if self.way == AdaptationWay::FromTheError { error_um } else { um(self.servo.unknown_input()) };
+        let moving = if self.way == AdaptationWay::WithTheDrive {
+            um(self.servo.applied().to_bits())
+        } else {
+            fed
+        };
+        let carried = if self.way == AdaptationWay::FromTheError {
+            error_um
+        } else {
+            um(self.servo.unknown_input())
+        };
         self.ticks += 1;
         if self.ticks <= SETTLING_TICKS {
             return;
         }
-        self.sums = [self.sums[0] + carried / f64::from(BLOCK_TICKS), self.sums[1] + moving / f64::from(BLOCK_TICKS)];
+        self.sums = [
+            self.sums[0] + carried / f64::from(BLOCK_TICKS),
+            self.sums[1] + moving / f64::from(BLOCK_TICKS),
+        ];
         let within = self.ticks - SETTLING_TICKS;
         if within.is_multiple_of(BLOCK_TICKS) {
             let means = std::mem::take(&mut self.sums);
             if let Some(before) = self.before.replace(means) {
                 let change = means[1] - before[1];
                 // An error that is late by a time has the size of a change already.
-                let carried = if self.way == AdaptationWay::FromTheError { -means[0] / self.lateness_blocks } else { means[0] - before[0] };
+                let carried = if self.way == AdaptationWay::FromTheError {
+                    -means[0] / self.lateness_blocks
+                } else {
+                    means[0] - before[0]
+                };
                 self.product += carried * change;
                 self.square += change * change;
             }
@@ -169,14 +216,20 @@ impl Around {
     }
 
     fn end_window(&mut self) {
-        let (product, square) = (std::mem::take(&mut self.product), std::mem::take(&mut self.square));
+        let (product, square) = (
+            std::mem::take(&mut self.product),
+            std::mem::take(&mut self.square),
+        );
         (self.before, self.sums, self.ticks) = (None, [0.0; 2], 0);
         if square < f64::from(WINDOW_BLOCKS) * self.bounds.least_motion_um.powi(2) {
             return;
         }
         let step = (0.3 * product / square).clamp(-self.bounds.most_step, self.bounds.most_step);
-        self.gain = (self.gain * (1.0 + step)).clamp(1.0 - self.bounds.farthest, 1.0 + self.bounds.farthest);
-        let mut parameters = with_gain(&self.design, self.gain).parameters(self.converters).expect("fits");
+        self.gain = (self.gain * (1.0 + step))
+            .clamp(1.0 - self.bounds.farthest, 1.0 + self.bounds.farthest);
+        let mut parameters = with_gain(&self.design, self.gain)
+            .parameters(self.converters)
+            .expect("fits");
         parameters.converters = self.converters;
         self.servo.exchange(&parameters);
     }
@@ -202,7 +255,10 @@ impl Controller for Around {
     fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         self.references_um.push(ahead_um);
         let code = Controller::tick(&mut self.servo, adc_code, ahead_um);
-        if matches!(self.way, AdaptationWay::WithTheDrive | AdaptationWay::FromTheError) {
+        if matches!(
+            self.way,
+            AdaptationWay::WithTheDrive | AdaptationWay::FromTheError
+        ) {
             self.watch();
         }
         code
@@ -235,7 +291,14 @@ pub struct Adapted {
 #[must_use]
 pub fn sine_um(truth: &StageTruth, hz: f64, duration_s: f64) -> Vec<f64> {
     let amplitude_um = 0.25 * truth.travel_um;
-    let mut reference = waveform::sine(RATE_HZ, hz, amplitude_um, 0.4 * truth.travel_um, -FRAC_PI_2, duration_s);
+    let mut reference = waveform::sine(
+        RATE_HZ,
+        hz,
+        amplitude_um,
+        0.4 * truth.travel_um,
+        -FRAC_PI_2,
+        duration_s,
+    );
     waveform::grow_from_zero(&mut reference, RATE_HZ);
     reference
 }
@@ -245,15 +308,28 @@ pub fn sine_um(truth: &StageTruth, hz: f64, duration_s: f64) -> Vec<f64> {
 /// # Panics
 /// If the design is no predictor or does not fit the tick's formats.
 #[must_use]
-pub fn adapted(truth: &StageTruth, drift: AdaptationDrift, design: &ServoDesign, way: AdaptationWay, reference_um: &[f64]) -> Adapted {
+pub fn adapted(
+    truth: &StageTruth,
+    drift: AdaptationDrift,
+    design: &ServoDesign,
+    way: AdaptationWay,
+    reference_um: &[f64],
+) -> Adapted {
     let used = match way {
         AdaptationWay::InTheTick => adaptive(design),
         AdaptationWay::Known => with_gain(design, drift.to),
         _ => design.clone(),
     };
-    let change = StageChange { gain_ratio: drift.from, ..StageChange::NONE };
+    let change = StageChange {
+        gain_ratio: drift.from,
+        ..StageChange::NONE
+    };
     let (stage, servo, around) = prepared(truth, change, &used, 0xada7);
-    let mut drifting = Drifting { stage, drift, periods: 0 };
+    let mut drifting = Drifting {
+        stage,
+        drift,
+        periods: 0,
+    };
     let mut controller = Around::new(servo, way, &used);
     let trace = follow(&mut drifting, &mut controller, &around, reference_um);
     let from = trace.reference_um.len() - waveform::samples_in(RATE_HZ, 1.0);
@@ -262,5 +338,10 @@ pub fn adapted(truth: &StageTruth, drift: AdaptationDrift, design: &ServoDesign,
         (None, AdaptationWay::Known) => drift.to,
         _ => controller.gain,
     };
-    Adapted { at_last: trace.true_error(from), gain, counters: trace.counters, trace }
+    Adapted {
+        at_last: trace.true_error(from),
+        gain,
+        counters: trace.counters,
+        trace,
+    }
 }

@@ -73,10 +73,18 @@ impl StageTruth {
         let mut between = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
         let light = seed.is_multiple_of(3);
         let first_hz = between(500.0, 1100.0);
-        let damping = if light { between(0.01, 0.02) } else { between(0.2, 0.7) };
+        let damping = if light {
+            between(0.01, 0.02)
+        } else {
+            between(0.2, 0.7)
+        };
         // Over the logarithm of frequency.
         let second_hz = (1.2 * first_hz) * (9500.0 / (1.2 * first_hz)).powf(between(0.0, 1.0));
-        let second = TrueMode { frequency_hz: second_hz, damping_ratio: between(0.015, 0.03), share: between(0.01, 0.04) };
+        let second = TrueMode {
+            frequency_hz: second_hz,
+            damping_ratio: between(0.015, 0.03),
+            share: between(0.01, 0.04),
+        };
         Self {
             seed,
             drive_max_v: 80.0,
@@ -84,9 +92,14 @@ impl StageTruth {
             hysteresis_share: between(0.1, 0.2),
             curvature: between(0.0, 0.15),
             first_rise_share: between(0.0, 0.02),
-            first_mode: TrueMode { frequency_hz: first_hz, damping_ratio: damping, share: 1.0 - second.share },
+            first_mode: TrueMode {
+                frequency_hz: first_hz,
+                damping_ratio: damping,
+                share: 1.0 - second.share,
+            },
             second_mode: Some(second),
-            creep: [0.02, 0.15, 1.1, 8.0].map(|tau_s| (between(0.008, 0.016), tau_s * between(0.8, 1.25))),
+            creep: [0.02, 0.15, 1.1, 8.0]
+                .map(|tau_s| (between(0.008, 0.016), tau_s * between(0.8, 1.25))),
             noise_um: between(0.001, 0.003),
         }
     }
@@ -121,8 +134,14 @@ impl Oscillator {
         let acceleration = |x: f64, v: f64| w * w * (force_um - x) - 2.0 * xi * w * v;
         let (x, v) = (self.position_um, self.velocity_um_s);
         let (k1x, k1v) = (v, acceleration(x, v));
-        let (k2x, k2v) = (v + 0.5 * dt_s * k1v, acceleration(x + 0.5 * dt_s * k1x, v + 0.5 * dt_s * k1v));
-        let (k3x, k3v) = (v + 0.5 * dt_s * k2v, acceleration(x + 0.5 * dt_s * k2x, v + 0.5 * dt_s * k2v));
+        let (k2x, k2v) = (
+            v + 0.5 * dt_s * k1v,
+            acceleration(x + 0.5 * dt_s * k1x, v + 0.5 * dt_s * k1v),
+        );
+        let (k3x, k3v) = (
+            v + 0.5 * dt_s * k2v,
+            acceleration(x + 0.5 * dt_s * k2x, v + 0.5 * dt_s * k2v),
+        );
         let (k4x, k4v) = (v + dt_s * k3v, acceleration(x + dt_s * k3x, v + dt_s * k3v));
         self.position_um = x + dt_s / 6.0 * (k1x + 2.0 * k2x + 2.0 * k3x + k4x);
         self.velocity_um_s = v + dt_s / 6.0 * (k1v + 2.0 * k2v + 2.0 * k3v + k4v);
@@ -144,7 +163,12 @@ pub struct StageChange {
 
 impl StageChange {
     /// As it was recorded.
-    pub const NONE: Self = Self { mass_ratio: 1.0, gain_ratio: 1.0, delay_s: 0.0, mode: None };
+    pub const NONE: Self = Self {
+        mass_ratio: 1.0,
+        gain_ratio: 1.0,
+        delay_s: 0.0,
+        mode: None,
+    };
 }
 
 /// The stage with its state.
@@ -165,7 +189,9 @@ impl IndependentStage {
     /// At rest, never driven.
     #[must_use]
     pub fn virgin(truth: &StageTruth, change: StageChange) -> Self {
-        let total: f64 = (0..PLAYS).map(|i| (-3.0 * i as f64 / PLAYS as f64).exp()).sum();
+        let total: f64 = (0..PLAYS)
+            .map(|i| (-3.0 * i as f64 / PLAYS as f64).exp())
+            .sum();
         let plays = (0..PLAYS).map(|i| {
             let at = (i as f64 + 0.5) / PLAYS as f64;
             Play {
@@ -183,7 +209,8 @@ impl IndependentStage {
             position_um: 0.0,
             velocity_um_s: 0.0,
         };
-        let others = truth.second_mode.map_or(0.0, |m| m.share) + change.mode.map_or(0.0, |m| m.share);
+        let others =
+            truth.second_mode.map_or(0.0, |m| m.share) + change.mode.map_or(0.0, |m| m.share);
         let mut oscillators = vec![oscillator(&truth.first_mode, 1.0 - others)];
         oscillators.extend(truth.second_mode.iter().map(|m| oscillator(m, m.share)));
         oscillators.extend(change.mode.iter().map(|m| Oscillator {
@@ -213,7 +240,10 @@ impl IndependentStage {
             oscillator.omega_rad_s = std::f64::consts::TAU * mode.frequency_hz * slower;
             oscillator.damping_ratio = mode.damping_ratio * slower;
         }
-        self.change = StageChange { mode: self.change.mode, ..change };
+        self.change = StageChange {
+            mode: self.change.mode,
+            ..change
+        };
     }
 
     /// Force-equivalent displacement of a drive, um.
@@ -235,11 +265,17 @@ impl IndependentStage {
 
     /// Drives it without a loop and samples it every `every` periods: the reading at the beginning of each
     /// held drive, um, noise and converter included.
-    pub fn record(&mut self, drive_v: &[f64], every: usize, noise: &mut hysteron_sim::noise::WhiteNoise) -> Vec<f64> {
+    pub fn record(
+        &mut self,
+        drive_v: &[f64],
+        every: usize,
+        noise: &mut hysteron_sim::noise::WhiteNoise,
+    ) -> Vec<f64> {
         let scale = self.truth.converters();
         let mut readings = Vec::with_capacity(drive_v.len());
         for wanted_v in drive_v {
-            readings.push(scale.position_um(scale.adc_code(self.displacement_um + noise.next_um())));
+            readings
+                .push(scale.position_um(scale.adc_code(self.displacement_um + noise.next_um())));
             for _ in 0..every {
                 self.advance(scale.drive_v(scale.dac_code(*wanted_v)), 0.0);
             }
@@ -259,11 +295,19 @@ impl Plant for IndependentStage {
             let ago = self.change.delay_s / PERIOD_S - (substep as f64 + 0.5) / SUBSTEPS as f64;
             let periods = ago.ceil().max(0.0) as usize;
             let force_um = self.forces_um[periods.min(self.forces_um.len() - 1)];
-            let before: f64 = self.oscillators.iter().map(|o| o.share * o.position_um).sum();
+            let before: f64 = self
+                .oscillators
+                .iter()
+                .map(|o| o.share * o.position_um)
+                .sum();
             for oscillator in &mut self.oscillators {
                 oscillator.step(force_um, dt_s);
             }
-            let after: f64 = self.oscillators.iter().map(|o| o.share * o.position_um).sum();
+            let after: f64 = self
+                .oscillators
+                .iter()
+                .map(|o| o.share * o.position_um)
+                .sum();
             let mut displacement_um = after;
             for (state, (share, tau_s)) in self.creep_um.iter_mut().zip(&self.truth.creep) {
                 let decay = (-dt_s / tau_s).exp();
@@ -288,8 +332,18 @@ mod tests {
     use super::*;
 
     fn damped(frequency_hz: f64, damping_ratio: f64) -> StageTruth {
-        let first_mode = TrueMode { frequency_hz, damping_ratio, share: 1.0 };
-        StageTruth { first_mode, second_mode: None, creep: [(0.0, 1.0); 4], first_rise_share: 0.0, ..StageTruth::drawn(1) }
+        let first_mode = TrueMode {
+            frequency_hz,
+            damping_ratio,
+            share: 1.0,
+        };
+        StageTruth {
+            first_mode,
+            second_mode: None,
+            creep: [(0.0, 1.0); 4],
+            first_rise_share: 0.0,
+            ..StageTruth::drawn(1)
+        }
     }
 
     #[test]
@@ -302,17 +356,29 @@ mod tests {
         for k in 1..60 {
             stage.advance(drive_v, 0.0);
             let t = f64::from(k) * PERIOD_S;
-            let free = (-xi * w * t).exp() * ((w * root * t).cos() + xi / root * (w * root * t).sin());
-            assert!((stage.displacement_um() - rest_um * (1.0 - free)).abs() < 2e-3 * rest_um, "{k}");
+            let free =
+                (-xi * w * t).exp() * ((w * root * t).cos() + xi / root * (w * root * t).sin());
+            assert!(
+                (stage.displacement_um() - rest_um * (1.0 - free)).abs() < 2e-3 * rest_um,
+                "{k}"
+            );
         }
     }
 
     #[test]
     fn a_delay_of_a_period_is_a_period() {
         let run = |delay_s: f64| {
-            let mut stage = IndependentStage::virgin(&damped(900.0, 0.3), StageChange { delay_s, ..StageChange::NONE });
+            let mut stage = IndependentStage::virgin(
+                &damped(900.0, 0.3),
+                StageChange {
+                    delay_s,
+                    ..StageChange::NONE
+                },
+            );
             let step = |k: i32| if k < 5 { 0.0 } else { 40.0 };
-            (0..40).map(|k| (stage.advance(step(k), 0.0), stage.displacement_um()).1).collect::<Vec<f64>>()
+            (0..40)
+                .map(|k| (stage.advance(step(k), 0.0), stage.displacement_um()).1)
+                .collect::<Vec<f64>>()
         };
         let (at_once, late) = (run(0.0), run(PERIOD_S));
         for k in 1..40 {

@@ -36,7 +36,11 @@ pub fn beside(path: &str) -> Option<PathBuf> {
         return Some(folder);
     }
     let is = |variable: &str, value: &str| std::env::var(variable).is_ok_and(|v| v == value);
-    assert!(!(is("CI", "true") && is(NEEDS_SHARED, "1")), "{} is not there, and {NEEDS_SHARED}=1 asks for it", folder.display());
+    assert!(
+        !(is("CI", "true") && is(NEEDS_SHARED, "1")),
+        "{} is not there, and {NEEDS_SHARED}=1 asks for it",
+        folder.display()
+    );
     skipped(&format!("no {path} data in ../shared/data"));
     None
 }
@@ -45,7 +49,9 @@ pub fn beside(path: &str) -> Option<PathBuf> {
 pub fn skipped(why: &str) {
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     eprintln!("skipped {test}: {why}");
-    let Some(file) = std::env::var_os(SKIPPED_FILE) else { return };
+    let Some(file) = std::env::var_os(SKIPPED_FILE) else {
+        return;
+    };
     let line = std::fs::OpenOptions::new()
         .create(true)
         .append(true)

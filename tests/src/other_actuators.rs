@@ -38,7 +38,11 @@ pub enum ActuatorKind {
 }
 
 /// All kinds.
-pub const KINDS: [ActuatorKind; 3] = [ActuatorKind::VoiceCoil, ActuatorKind::MotorStage, ActuatorKind::Reluctance];
+pub const KINDS: [ActuatorKind; 3] = [
+    ActuatorKind::VoiceCoil,
+    ActuatorKind::MotorStage,
+    ActuatorKind::Reluctance,
+];
 
 impl ActuatorKind {
     /// Its name in tables.
@@ -54,13 +58,24 @@ impl ActuatorKind {
 
 /// Effects of the library that only a piezoelectric ceramic has: no diagnosis of these actuators may name one
 /// of them.
-pub const OF_CERAMICS: [&str; 6] = ["creep", "initial_curve", "charge_leakage", "rate_dependence", "bipolar", "hysteresis"];
+pub const OF_CERAMICS: [&str; 6] = [
+    "creep",
+    "initial_curve",
+    "charge_leakage",
+    "rate_dependence",
+    "bipolar",
+    "hysteresis",
+];
 
 /// Effects of ceramics that a kind truly imitates: friction before the slip is a hysteresis of displacement,
 /// and the play operators describe it.
 #[must_use]
 pub fn imitated(kind: ActuatorKind) -> &'static [&'static str] {
-    if kind == ActuatorKind::MotorStage { &["hysteresis"] } else { &[] }
+    if kind == ActuatorKind::MotorStage {
+        &["hysteresis"]
+    } else {
+        &[]
+    }
 }
 
 type State = [f64; 4];
@@ -80,7 +95,11 @@ struct Actuator {
 }
 
 fn voice_coil(between: &mut dyn FnMut(f64, f64) -> f64) -> Actuator {
-    let (resistance, inductance, constant) = (between(5.0, 10.0), between(0.5e-3, 2e-3), between(6.0, 12.0));
+    let (resistance, inductance, constant) = (
+        between(5.0, 10.0),
+        between(0.5e-3, 2e-3),
+        between(6.0, 12.0),
+    );
     let (mass_kg, damping) = (between(0.1, 0.3), between(2.0, 8.0));
     let stiffness = mass_kg * (TAU * between(40.0, 90.0)).powi(2);
     let width_m = between(4.0, 8.0) * DRIVE_MAX_V * constant / resistance / stiffness;
@@ -88,7 +107,12 @@ fn voice_coil(between: &mut dyn FnMut(f64, f64) -> f64) -> Actuator {
         derivative: Box::new(move |s, u| {
             let [current, x, v, _] = *s;
             let k = constant * (1.0 - (x / width_m).powi(2));
-            [(u - resistance * current - k * v) / inductance, v, (k * current - damping * v - stiffness * x) / mass_kg, 0.0]
+            [
+                (u - resistance * current - k * v) / inductance,
+                v,
+                (k * current - damping * v - stiffness * x) / mass_kg,
+                0.0,
+            ]
         }),
         reading_um: Box::new(|s| 1e6 * s[1]),
         state: [0.0; 4],
@@ -111,10 +135,17 @@ fn motor_stage(between: &mut dyn FnMut(f64, f64) -> f64) -> Actuator {
             let [x, v, bristle_m, integral] = *s;
             let error = position_gain * (scale_m_v * u - x) - v;
             let force = velocity_gain * (error + integral);
-            let level = (coulomb_n + (stiction_n - coulomb_n) * (-(v / stribeck_m_s).powi(2)).exp()) / bristle_n_m;
+            let level = (coulomb_n
+                + (stiction_n - coulomb_n) * (-(v / stribeck_m_s).powi(2)).exp())
+                / bristle_n_m;
             let bristle_rate = v - v.abs() / level * bristle_m;
             let friction = bristle_n_m * bristle_m + bristle_damping * bristle_rate + viscous * v;
-            [v, (force - friction) / mass_kg, bristle_rate, integral_rad_s * error]
+            [
+                v,
+                (force - friction) / mass_kg,
+                bristle_rate,
+                integral_rad_s * error,
+            ]
         }),
         reading_um: Box::new(|s| 1e6 * s[0]),
         state: [0.0; 4],
@@ -132,13 +163,21 @@ fn reluctance(between: &mut dyn FnMut(f64, f64) -> f64) -> Actuator {
     // The bias bends the spring by a twentieth of the gap.
     let rest_m = 0.05 * gap_m;
     let constant = stiffness * rest_m * (gap_m - rest_m).powi(2) / bias_a.powi(2);
-    let (damping, amperes_v) = (2.0 * between(0.05, 0.15) * (stiffness * mass_kg).sqrt(), 0.04 * bias_a);
+    let (damping, amperes_v) = (
+        2.0 * between(0.05, 0.15) * (stiffness * mass_kg).sqrt(),
+        0.04 * bias_a,
+    );
     Actuator {
         derivative: Box::new(move |s, u| {
             let [current, field, x, v] = *s;
             let force = constant * (bias_a + field).powi(2) / (gap_m - x).powi(2);
             let acceleration = (force - damping * v - stiffness * x) / mass_kg;
-            [amplifier_rad_s * (amperes_v * u - current), eddy_rad_s * (current - field), v, acceleration]
+            [
+                amplifier_rad_s * (amperes_v * u - current),
+                eddy_rad_s * (current - field),
+                v,
+                acceleration,
+            ]
         }),
         reading_um: Box::new(move |s| 1e6 * (s[2] - rest_m)),
         state: [0.0, 0.0, rest_m, 0.0],
@@ -149,13 +188,16 @@ fn reluctance(between: &mut dyn FnMut(f64, f64) -> f64) -> Actuator {
 
 impl Actuator {
     fn step(&mut self, drive_v: f64) {
-        let moved = |s: &State, k: &State, h: f64| -> State { std::array::from_fn(|i| s[i] + h * k[i]) };
+        let moved =
+            |s: &State, k: &State, h: f64| -> State { std::array::from_fn(|i| s[i] + h * k[i]) };
         let (f, s) = (&self.derivative, self.state);
         let k1 = f(&s, drive_v);
         let k2 = f(&moved(&s, &k1, 0.5 * STEP_S), drive_v);
         let k3 = f(&moved(&s, &k2, 0.5 * STEP_S), drive_v);
         let k4 = f(&moved(&s, &k3, STEP_S), drive_v);
-        self.state = std::array::from_fn(|i| s[i] + STEP_S / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+        self.state = std::array::from_fn(|i| {
+            s[i] + STEP_S / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+        });
     }
 
     /// Readings at the beginning of each held drive.
@@ -166,7 +208,11 @@ impl Actuator {
             // The sum of twelve uniform numbers is normal enough to be a sensor's noise.
             let noise: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
             let reading = (self.reading_um)(&self.state) + self.noise_um * noise;
-            out.push(if self.count_um > 0.0 { (reading / self.count_um).round() * self.count_um } else { reading });
+            out.push(if self.count_um > 0.0 {
+                (reading / self.count_um).round() * self.count_um
+            } else {
+                reading
+            });
             (0..steps).for_each(|_| self.step(*u));
         }
         out
@@ -182,7 +228,11 @@ fn drives(seed: u64) -> Vec<(&'static str, Role, Vec<f64>)> {
         let mut out = vec![0.0_f64];
         let mut up = true;
         for i in 0..=count {
-            let to = if i == count { 0.0 } else { (if up { 1.0 } else { -1.0 }) * DRIVE_MAX_V * (0.25 + 0.7 * random.random::<f64>()) };
+            let to = if i == count {
+                0.0
+            } else {
+                (if up { 1.0 } else { -1.0 }) * DRIVE_MAX_V * (0.25 + 0.7 * random.random::<f64>())
+            };
             let from = out[out.len() - 1];
             let n = samples((to - from).abs() / slope_v_s).max(1);
             out.extend((1..=n).map(|k| from + (to - from) * k as f64 / n as f64));
@@ -201,13 +251,26 @@ fn drives(seed: u64) -> Vec<(&'static str, Role, Vec<f64>)> {
         };
         hertz.iter().flat_map(|hz| burst(*hz)).collect()
     };
-    let held = |levels: &[f64]| -> Vec<f64> { levels.iter().flat_map(|l| vec![l * DRIVE_MAX_V; samples(1.0)]).collect() };
+    let held = |levels: &[f64]| -> Vec<f64> {
+        levels
+            .iter()
+            .flat_map(|l| vec![l * DRIVE_MAX_V; samples(1.0)])
+            .collect()
+    };
     vec![
         ("turns", Role::Identify, turns(14, 40.0)),
-        ("sines", Role::Identify, sines(&[5.0, 13.0, 40.0, 90.0, 170.0])),
+        (
+            "sines",
+            Role::Identify,
+            sines(&[5.0, 13.0, 40.0, 90.0, 170.0]),
+        ),
         ("held", Role::Identify, held(&[0.5, -0.3, 0.8, 0.0])),
         ("other_turns", Role::Validate, turns(10, 60.0)),
-        ("other_sines", Role::Validate, sines(&[8.0, 25.0, 60.0, 120.0])),
+        (
+            "other_sines",
+            Role::Validate,
+            sines(&[8.0, 25.0, 60.0, 120.0]),
+        ),
         ("rest", Role::Noise, vec![0.0; samples(0.6)]),
     ]
 }
@@ -232,7 +295,8 @@ pub fn recorded(kind: ActuatorKind, seed: u64) -> Dataset {
         Record::new(name, SAMPLE_RATE_HZ, drive_v, readings).with_role(role)
     });
     let records: Vec<Record> = records.collect();
-    Dataset::new(kind.name(), -DRIVE_MAX_V, DRIVE_MAX_V, records).expect("the recordings make a data set")
+    Dataset::new(kind.name(), -DRIVE_MAX_V, DRIVE_MAX_V, records)
+        .expect("the recordings make a data set")
 }
 
 #[cfg(test)]
@@ -247,7 +311,11 @@ mod tests {
         (0..100_000).for_each(|_| coil.step(1.0));
         let [current, x, v, _] = coil.state;
         assert!(v.abs() < 1e-9 && x > 0.0);
-        assert!((coil.derivative)(&[current, x, 0.0, 0.0], 1.0).iter().all(|d| d.abs() < 1e-6));
+        assert!(
+            (coil.derivative)(&[current, x, 0.0, 0.0], 1.0)
+                .iter()
+                .all(|d| d.abs() < 1e-6)
+        );
     }
 
     #[test]
@@ -256,6 +324,10 @@ mod tests {
         let mut between = |low: f64, high: f64| low + (high - low) * values.random::<f64>();
         let mut stage = motor_stage(&mut between);
         (0..100_000).for_each(|_| stage.step(5.0));
-        assert!(((stage.reading_um)(&stage.state) - 100.0).abs() < 0.5, "{:?}", stage.state);
+        assert!(
+            ((stage.reading_um)(&stage.state) - 100.0).abs() < 0.5,
+            "{:?}",
+            stage.state
+        );
     }
 }

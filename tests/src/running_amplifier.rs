@@ -16,15 +16,28 @@ use hysteron_sim::noise::WhiteNoise;
 /// Wiring that fits every stage that is drawn.
 #[must_use]
 pub fn front_end() -> FrontEnd {
-    FrontEnd { name: "independent".into(), sensor_max_um: 17.0, ..FrontEnd::default() }
+    FrontEnd {
+        name: "independent".into(),
+        sensor_max_um: 17.0,
+        ..FrontEnd::default()
+    }
 }
 
 /// A sine about an offset, from its middle on.
 #[must_use]
 pub fn sine(hz: f64, amplitude_um: f64, offset_um: f64) -> Command {
-    let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, Micrometres::from_num(amplitude_um), 0);
+    let tone = (
+        (hz / 20_000.0 * 2f64.powi(32)) as u32,
+        Micrometres::from_num(amplitude_um),
+        0,
+    );
     let none = (0, Micrometres::from_bits(0), 0);
-    Command::Reference { waveform: Waveform::Multisine { tones: [tone, none, none, none] }, offset: Micrometres::from_num(offset_um) }
+    Command::Reference {
+        waveform: Waveform::Multisine {
+            tones: [tone, none, none, none],
+        },
+        offset: Micrometres::from_num(offset_um),
+    }
 }
 
 /// The two, with what is between them.
@@ -61,7 +74,10 @@ impl RunningAmplifier {
         this.tell(Command::Arm { tested: true });
         this.run(10_000);
         assert!(this.amplifier.armed(), "{:?}", this.amplifier.fault());
-        this.tell(Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 });
+        this.tell(Command::Condition {
+            cycle_ticks: 2000,
+            rest_ticks: 20_000,
+        });
         this.run(22_100);
         assert!(this.amplifier.conditioned(), "{:?}", this.amplifier.fault());
         this
@@ -95,7 +111,8 @@ impl RunningAmplifier {
     #[must_use]
     pub fn reading_um(&self, adc_code: SensorCode) -> f64 {
         let c = self.amplifier.parameters().servo.converters;
-        f64::from(c.adc_zero) / f64::from(1 << 24) + f64::from(adc_code) * c.adc_step as f64 / 2f64.powi(40)
+        f64::from(c.adc_zero) / f64::from(1 << 24)
+            + f64::from(adc_code) * c.adc_step as f64 / 2f64.powi(40)
     }
 
     /// What a code of the drive stands for, V.

@@ -19,7 +19,18 @@ pub fn independent_stage() -> Result<PathBuf, String> {
 
 /// Builds the program and puts the image beside it.
 pub fn build() -> Result<(), String> {
-    cargo(&["build", "--quiet", "--release", "--ignore-rust-version", "--bin", "hysteron-board"], &root(), &[])?;
+    cargo(
+        &[
+            "build",
+            "--quiet",
+            "--release",
+            "--ignore-rust-version",
+            "--bin",
+            "hysteron-board",
+        ],
+        &root(),
+        &[],
+    )?;
     place_image()
 }
 
@@ -32,13 +43,18 @@ pub fn place() -> Result<(), String> {
 fn place_image() -> Result<(), String> {
     let image = toolchain::image();
     if !image.is_file() {
-        return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
+        return Err(format!(
+            "{} is not there: run `cargo xtask firmware` first",
+            image.display()
+        ));
     }
     let beside = built("hysteron-firmware.elf");
-    std::fs::copy(&image, &beside).map_err(|error| format!("{} to {}: {error}", image.display(), beside.display()))?;
+    std::fs::copy(&image, &beside)
+        .map_err(|error| format!("{} to {}: {error}", image.display(), beside.display()))?;
     let stage = toolchain::boot_stage();
     let beside = built("hysteron-boot-stage");
-    std::fs::copy(&stage, &beside).map_err(|error| format!("{} to {}: {error}", stage.display(), beside.display()))?;
+    std::fs::copy(&stage, &beside)
+        .map_err(|error| format!("{} to {}: {error}", stage.display(), beside.display()))?;
     println!("   {}", program().display());
     Ok(())
 }

@@ -7,7 +7,10 @@ use crate::debian;
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 
 fn starts(program: &str, argument: &str) -> bool {
-    Command::new(program).arg(argument).output().is_ok_and(|output| output.status.success())
+    Command::new(program)
+        .arg(argument)
+        .output()
+        .is_ok_and(|output| output.status.success())
 }
 
 /// Sees to a browser. Without one the check goes on where it is not CI: the tests that need it say that they
@@ -27,6 +30,8 @@ pub fn ensure() -> Result<(), String> {
     if std::env::var_os("CI").is_some() {
         return Err("CI needs a browser to look at the reports: install chromium".into());
     }
-    println!("   no browser: the tests that look at the reports will be skipped. To run them, install chromium");
+    println!(
+        "   no browser: the tests that look at the reports will be skipped. To run them, install chromium"
+    );
     Ok(())
 }

@@ -49,12 +49,18 @@ struct Code<'a> {
 
 impl<'a> Code<'a> {
     fn read(file: &'a object::File<'a>, elf: &Path) -> Result<Self, String> {
-        let section = file.section_by_name(SECTION).ok_or_else(|| format!("{}: no section {SECTION}", elf.display()))?;
+        let section = file
+            .section_by_name(SECTION)
+            .ok_or_else(|| format!("{}: no section {SECTION}", elf.display()))?;
         let bytes = section.data().map_err(|error| error.to_string())?;
         let range = section.address()..section.address() + section.size();
-        let (mut functions, mut kinds): (BTreeMap<u64, (u64, String)>, BTreeMap<u64, bool>) = Default::default();
+        let (mut functions, mut kinds): (BTreeMap<u64, (u64, String)>, BTreeMap<u64, bool>) =
+            Default::default();
         let mut handler = None;
-        for symbol in file.symbols().filter(|symbol| range.contains(&(symbol.address() & !1))) {
+        for symbol in file
+            .symbols()
+            .filter(|symbol| range.contains(&(symbol.address() & !1)))
+        {
             let name = symbol.name().unwrap_or_default();
             if name.starts_with("$d") || name.starts_with("$t") {
                 kinds.insert(symbol.address(), name.starts_with("$d"));
@@ -70,22 +76,39 @@ impl<'a> Code<'a> {
             }
         }
         let handler = handler.ok_or_else(|| format!("{HANDLER} is not in {SECTION}"))?;
-        Ok(Self { file, bytes, range, functions, kinds, handler })
+        Ok(Self {
+            file,
+            bytes,
+            range,
+            functions,
+            kinds,
+            handler,
+        })
     }
 
     fn halfword(&self, address: u64) -> u16 {
         let at = (address - self.range.start) as usize;
-        self.bytes.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
+        self.bytes
+            .get(at..at + 2)
+            .map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
     }
 
     fn is_data(&self, at: u64) -> bool {
-        self.kinds.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data)
+        self.kinds
+            .range(..=at)
+            .next_back()
+            .is_some_and(|(_, is_data)| *is_data)
     }
 
     /// Addresses and name of the function that begins at `start`.
     fn function(&self, start: u64) -> Option<(Range<u64>, &str)> {
         let (size, name) = self.functions.get(&start)?;
-        let next = || self.functions.range(start + 1..).next().map_or(self.range.end, |(next, _)| *next);
+        let next = || {
+            self.functions
+                .range(start + 1..)
+                .next()
+                .map_or(self.range.end, |(next, _)| *next)
+        };
         Some((start..if *size > 0 { start + size } else { next() }, name))
     }
 }
@@ -134,27 +157,37 @@ impl Walk {
             }
             self.aborts.push(at);
         } else if instruction & 0xFF80 == 0x4780 {
-            self.complaints.push(format!("a call through a register at {at:#x}"));
+            self.complaints
+                .push(format!("a call through a register at {at:#x}"));
         } else if instruction & 0xFF87 == 0x4700 && instruction != 0x4770 {
             // The linker's bridges for destinations out of a branch's reach end like this.
-            self.complaints.push(format!("a jump through a register at {at:#x}"));
+            self.complaints
+                .push(format!("a jump through a register at {at:#x}"));
         } else if instruction & 0xF000 == 0xD000 && instruction & 0x0F00 < 0x0E00 {
-            self.jumps.insert(relative(at, (i64::from(instruction as u8 as i8)) << 1));
+            self.jumps
+                .insert(relative(at, (i64::from(instruction as u8 as i8)) << 1));
         } else if instruction & 0xF800 == 0xE000 {
-            self.jumps.insert(relative(at, i64::from(((instruction << 5) as i16) >> 4)));
+            self.jumps
+                .insert(relative(at, i64::from(((instruction << 5) as i16) >> 4)));
         } else if instruction & 0xF500 == 0xB100 {
-            self.jumps.insert(relative(at, i64::from((instruction >> 9 & 1) << 6 | (instruction >> 3 & 0x1F) << 1)));
+            self.jumps.insert(relative(
+                at,
+                i64::from((instruction >> 9 & 1) << 6 | (instruction >> 3 & 0x1F) << 1),
+            ));
         }
         // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort
         // follows them.
-        !(instruction & 0xF800 == 0xE000 || instruction & 0xFF87 == 0x4700 || instruction & 0xFF00 == 0xBD00)
+        !(instruction & 0xF800 == 0xE000
+            || instruction & 0xFF87 == 0x4700
+            || instruction & 0xFF00 == 0xBD00)
     }
 
     /// An instruction of 32 bits; whether the next one can follow it.
     fn wide(&mut self, code: &Code<'_>, body: &Range<u64>, at: u64) -> bool {
         let (first, second) = (code.halfword(at), code.halfword(at + 2));
         if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
-            self.complaints.push(format!("a floating-point instruction at {at:#x}"));
+            self.complaints
+                .push(format!("a floating-point instruction at {at:#x}"));
         }
         // BL, and B with the same range (a tail call, or a jump within the function).
         if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
@@ -165,7 +198,10 @@ impl Walk {
             } else if code.range.contains(&target) {
                 self.calls.push(target);
             } else {
-                self.complaints.push(format!("leaves the section for {} at {at:#x}", owner(code.file, target)));
+                self.complaints.push(format!(
+                    "leaves the section for {} at {at:#x}",
+                    owner(code.file, target)
+                ));
             }
             return is_call;
         }
@@ -183,7 +219,11 @@ impl Walk {
         let mut entry = at + 4;
         while entry < body.end && code.is_data(entry) {
             let pair = code.halfword(entry);
-            for offset in if is_wide { vec![pair] } else { vec![pair & 0xFF, pair >> 8] } {
+            for offset in if is_wide {
+                vec![pair]
+            } else {
+                vec![pair & 0xFF, pair >> 8]
+            } {
                 self.table_jumps.insert(at + 4 + 2 * u64::from(offset));
             }
             entry += 2;
@@ -194,7 +234,8 @@ impl Walk {
 /// Walks the interrupt's code in the image.
 pub fn check(elf: &Path) -> Result<CodeFigures, String> {
     let bytes = std::fs::read(elf).map_err(|error| format!("{}: {error}", elf.display()))?;
-    let file = object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
+    let file =
+        object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
     let code = Code::read(&file, elf)?;
     let (mut waiting, mut seen) = (vec![code.handler], BTreeSet::new());
     let mut complaints = Vec::new();
@@ -210,24 +251,49 @@ pub fn check(elf: &Path) -> Result<CodeFigures, String> {
         let mut walk = Walk::through(&code, &body);
         for abort in &walk.aborts {
             if walk.jumps.contains(abort) {
-                walk.complaints.push(format!("an abort at {abort:#x} can be reached"));
+                walk.complaints
+                    .push(format!("an abort at {abort:#x} can be reached"));
             } else if walk.table_jumps.contains(abort) {
                 impossible_cases += 1;
             }
         }
-        complaints.extend(walk.complaints.iter().map(|complaint| format!("{name}: {complaint}")));
+        complaints.extend(
+            walk.complaints
+                .iter()
+                .map(|complaint| format!("{name}: {complaint}")),
+        );
         waiting.append(&mut walk.calls);
     }
     if !complaints.is_empty() {
         complaints.truncate(20);
-        return Err(format!("the control interrupt's code is not clean:\n  {}", complaints.join("\n  ")));
+        return Err(format!(
+            "the control interrupt's code is not clean:\n  {}",
+            complaints.join("\n  ")
+        ));
     }
-    let size_of = |wanted: &[&str]| -> u64 { wanted.iter().filter_map(|name| file.section_by_name(name)).map(|s| s.size()).sum() };
+    let size_of = |wanted: &[&str]| -> u64 {
+        wanted
+            .iter()
+            .filter_map(|name| file.section_by_name(name))
+            .map(|s| s.size())
+            .sum()
+    };
     Ok(CodeFigures {
-        control_code_bytes: seen.iter().filter_map(|start| code.functions.get(start)).map(|(size, _)| size).sum(),
+        control_code_bytes: seen
+            .iter()
+            .filter_map(|start| code.functions.get(start))
+            .map(|(size, _)| size)
+            .sum(),
         control_functions: seen.len(),
         impossible_cases,
-        flash_bytes: size_of(&[".vector_table", ".start_code", ".control_code", ".text", ".rodata", ".data"]),
+        flash_bytes: size_of(&[
+            ".vector_table",
+            ".start_code",
+            ".control_code",
+            ".text",
+            ".rodata",
+            ".data",
+        ]),
         ram_bytes: size_of(&[".data", ".bss", ".uninit"]),
     })
 }
@@ -240,8 +306,11 @@ fn relative(at: u64, offset: i64) -> u64 {
 /// Destination of the wide conditional branch (T3).
 fn conditional_target(at: u64, first: u16, second: u16) -> u64 {
     let (first, second) = (u32::from(first), u32::from(second));
-    let offset =
-        (first >> 10 & 1) << 20 | (second >> 11 & 1) << 19 | (second >> 13 & 1) << 18 | (first & 0x3F) << 12 | (second & 0x7FF) << 1;
+    let offset = (first >> 10 & 1) << 20
+        | (second >> 11 & 1) << 19
+        | (second >> 13 & 1) << 18
+        | (first & 0x3F) << 12
+        | (second & 0x7FF) << 1;
     relative(at, i64::from(((offset << 11) as i32) >> 11))
 }
 

@@ -6,8 +6,15 @@ use crate::steps::{command, root};
 
 /// Whether packages can be installed here.
 pub fn can_install() -> bool {
-    let output = |program: &str, argument: &str| Command::new(program).arg(argument).output().ok().filter(|output| output.status.success());
-    output("id", "-u").is_some_and(|output| output.stdout.trim_ascii() == b"0") && output("apt-get", "--version").is_some()
+    let output = |program: &str, argument: &str| {
+        Command::new(program)
+            .arg(argument)
+            .output()
+            .ok()
+            .filter(|output| output.status.success())
+    };
+    output("id", "-u").is_some_and(|output| output.stdout.trim_ascii() == b"0")
+        && output("apt-get", "--version").is_some()
 }
 
 /// Installs packages without what they only recommend.
@@ -17,16 +24,29 @@ pub fn install(packages: &[&str]) -> Result<(), String> {
     if let Err(error) = command("apt-get", &["update", "-qq"], &root(), &quiet) {
         println!("   {error}");
     }
-    let arguments = [&["install", "-y", "-qq", "--no-install-recommends"], packages].concat();
+    let arguments = [
+        &["install", "-y", "-qq", "--no-install-recommends"],
+        packages,
+    ]
+    .concat();
     command("apt-get", &arguments, &root(), &quiet)
 }
 
 /// Sees to Octave, in which the tests run exported models.
 pub fn see_to_octave() -> Result<(), String> {
-    let there = || Command::new("octave-cli").arg("--version").output().is_ok_and(|output| output.status.success());
+    let there = || {
+        Command::new("octave-cli")
+            .arg("--version")
+            .output()
+            .is_ok_and(|output| output.status.success())
+    };
     if !there() && can_install() {
         println!("   no Octave yet; installing it, in which the tests run exported models");
         install(&["octave"])?;
     }
-    if there() { Ok(()) } else { Err("needs Octave, in which the tests run exported models: install octave".into()) }
+    if there() {
+        Ok(())
+    } else {
+        Err("needs Octave, in which the tests run exported models: install octave".into())
+    }
 }

@@ -26,16 +26,31 @@ impl Drop for EmulatedBoard {
 impl EmulatedBoard {
     /// Starts a program that says first where its serial port is.
     pub fn start(program: &Path, words: &[&str]) -> Result<Self, String> {
-        let mut child =
-            Command::new(program).args(words).stdout(Stdio::piped()).spawn().map_err(|error| format!("{}: {error}", program.display()))?;
+        let mut child = Command::new(program)
+            .args(words)
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| format!("{}: {error}", program.display()))?;
         let output = child.stdout.take();
-        let mut this = Self { child, port: String::new() };
+        let mut this = Self {
+            child,
+            port: String::new(),
+        };
         let mut lines = BufReader::new(output.ok_or("the board has no output")?).lines();
         let first = lines.next().and_then(Result::ok).unwrap_or_default();
-        let port = first.rsplit(':').next().filter(|_| first.starts_with("the serial port is"));
-        this.port = port.ok_or_else(|| format!("the board says `{first}`"))?.to_string();
+        let port = first
+            .rsplit(':')
+            .next()
+            .filter(|_| first.starts_with("the serial port is"));
+        this.port = port
+            .ok_or_else(|| format!("the board says `{first}`"))?
+            .to_string();
         // The log goes on; nobody may hold it up.
-        std::thread::spawn(move || lines.map_while(Result::ok).for_each(|line| println!("   board: {line}")));
+        std::thread::spawn(move || {
+            lines
+                .map_while(Result::ok)
+                .for_each(|line| println!("   board: {line}"))
+        });
         Ok(this)
     }
 }

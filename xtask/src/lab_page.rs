@@ -19,7 +19,12 @@ use crate::{browser, steps};
 const MOST_BYTES: usize = 4_000_000;
 
 /// Compiled as one piece: a tenth less to open than crate by crate, in the same time to build.
-const AS_ONE_PIECE: [&str; 4] = ["--config", "profile.release.lto='fat'", "--config", "profile.release.codegen-units=1"];
+const AS_ONE_PIECE: [&str; 4] = [
+    "--config",
+    "profile.release.lto='fat'",
+    "--config",
+    "profile.release.codegen-units=1",
+];
 
 /// Where the page is written.
 pub fn file() -> PathBuf {
@@ -31,7 +36,9 @@ pub fn build() -> Result<(), String> {
     module(&AS_ONE_PIECE)?;
     let bytes = write()?;
     if bytes > MOST_BYTES {
-        return Err(format!("the page has {bytes} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs"));
+        return Err(format!(
+            "the page has {bytes} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs"
+        ));
     }
     Ok(())
 }
@@ -41,7 +48,15 @@ pub fn build_for_tests() -> Result<(), String> {
     module(&[])?;
     write()?;
     let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
-    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &FOLDER[..]].concat())
+    toolchain.check(
+        &WEB_ASSEMBLY,
+        &root(),
+        &[
+            &["--package", "hysteron", "--no-default-features"],
+            &FOLDER[..],
+        ]
+        .concat(),
+    )
 }
 
 /// A folder of its own: another compiler may be at work than the one of the host.
@@ -49,16 +64,27 @@ const FOLDER: [&str; 2] = ["--target-dir", "target/web_assembly"];
 
 fn module(options: &[&str]) -> Result<(), String> {
     let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
-    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &FOLDER[..], options].concat())
+    toolchain.build(
+        &WEB_ASSEMBLY,
+        &root(),
+        &[&["--package", "hysteron-browser"], &FOLDER[..], options].concat(),
+    )
 }
 
 /// Packs the page around the module; how many bytes it has.
 fn write() -> Result<usize, String> {
-    let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
-    let example: serde_json::Map<String, serde_json::Value> =
-        hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
+    let module = read(
+        &root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"),
+    )?;
+    let example: serde_json::Map<String, serde_json::Value> = hysteron_examples::HIDDEN_EFFECT
+        .iter()
+        .map(|(name, text)| ((*name).into(), (*text).into()))
+        .collect();
     let example = serde_json::Value::from(example).to_string();
-    let page = hysteron_page::from_disk(&compact(&without_custom_sections(&module)?)?, &compact(example.as_bytes())?)?;
+    let page = hysteron_page::from_disk(
+        &compact(&without_custom_sections(&module)?)?,
+        &compact(example.as_bytes())?,
+    )?;
     println!("   {}: {} bytes", file().display(), page.len());
     std::fs::write(file(), &page).map_err(|error| format!("{}: {error}", file().display()))?;
     Ok(page.len())
@@ -67,11 +93,27 @@ fn write() -> Result<usize, String> {
 /// Real clicks and a real drop in a browser.
 pub fn test() -> Result<(), String> {
     if !file().is_file() {
-        return Err(format!("{} is not there: run `cargo xtask lab` first", file().display()));
+        return Err(format!(
+            "{} is not there: run `cargo xtask lab` first",
+            file().display()
+        ));
     }
     browser::ensure()?;
-    let only = ["--test", "integration", "lab_page::", "--", "--ignored", "--nocapture", "--test-threads", "1"];
-    cargo(&[&["test"], &steps::AS_TESTED[..], &only].concat(), &root(), &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())])
+    let only = [
+        "--test",
+        "integration",
+        "lab_page::",
+        "--",
+        "--ignored",
+        "--nocapture",
+        "--test-threads",
+        "1",
+    ];
+    cargo(
+        &[&["test"], &steps::AS_TESTED[..], &only].concat(),
+        &root(),
+        &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())],
+    )
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, String> {
@@ -82,13 +124,18 @@ fn read(path: &Path) -> Result<Vec<u8>, String> {
 fn compact(bytes: &[u8]) -> Result<String, String> {
     let mut packer = GzEncoder::new(Vec::new(), Compression::best());
     let packed = packer.write_all(bytes).and_then(|()| packer.finish());
-    packed.map(|bytes| STANDARD.encode(bytes)).map_err(|error| format!("gzip: {error}"))
+    packed
+        .map(|bytes| STANDARD.encode(bytes))
+        .map_err(|error| format!("gzip: {error}"))
 }
 
 /// A module without names and remarks of the compiler, which a browser does not need: sections with number 0.
 fn without_custom_sections(module: &[u8]) -> Result<Vec<u8>, String> {
     let cut = || "the module is cut off".to_owned();
-    let (head, mut rest) = module.split_at_checked(8).filter(|(head, _)| head.starts_with(b"\0asm")).ok_or_else(cut)?;
+    let (head, mut rest) = module
+        .split_at_checked(8)
+        .filter(|(head, _)| head.starts_with(b"\0asm"))
+        .ok_or_else(cut)?;
     let mut out = head.to_vec();
     while let Some(number) = rest.first() {
         let (mut length, mut at) = (0usize, 1);

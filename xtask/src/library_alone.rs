@@ -6,25 +6,58 @@ use std::collections::BTreeSet;
 use crate::dependency_tree::packages;
 
 /// What belongs to a command line, to threads or to the decoder of the firmware's trace.
-const NOT_IN_IT: [&str; 7] = ["clap", "indicatif", "ctrlc", "defmt-decoder", "defmt-parser", "rayon", "hysteron-report"];
+const NOT_IN_IT: [&str; 7] = [
+    "clap",
+    "indicatif",
+    "ctrlc",
+    "defmt-decoder",
+    "defmt-parser",
+    "rayon",
+    "hysteron-report",
+];
 
 /// Names of everything that the library without default features is built with.
 fn names() -> Result<BTreeSet<String>, String> {
-    let lines = packages(&["--package", "hysteron", "--no-default-features", "--edges", "normal,build"], "{p}")?;
-    Ok(lines.iter().filter_map(|line| line.split(' ').next()).map(String::from).collect())
+    let lines = packages(
+        &[
+            "--package",
+            "hysteron",
+            "--no-default-features",
+            "--edges",
+            "normal,build",
+        ],
+        "{p}",
+    )?;
+    Ok(lines
+        .iter()
+        .filter_map(|line| line.split(' ').next())
+        .map(String::from)
+        .collect())
 }
 
 /// Fails where the tree has what it may not have.
 pub fn dependencies() -> Result<(), String> {
     let names = names()?;
     if !names.contains("hysteron-sim") {
-        return Err(format!("`cargo tree` does not even list hysteron-sim: {names:?}"));
+        return Err(format!(
+            "`cargo tree` does not even list hysteron-sim: {names:?}"
+        ));
     }
-    let wrong: Vec<&str> = NOT_IN_IT.into_iter().filter(|name| names.contains(*name)).collect();
+    let wrong: Vec<&str> = NOT_IN_IT
+        .into_iter()
+        .filter(|name| names.contains(*name))
+        .collect();
     if wrong.is_empty() {
-        println!("   {} crates, none of {}", names.len(), NOT_IN_IT.join(", "));
+        println!(
+            "   {} crates, none of {}",
+            names.len(),
+            NOT_IN_IT.join(", ")
+        );
         Ok(())
     } else {
-        Err(format!("the library without default features depends on {}", wrong.join(", ")))
+        Err(format!(
+            "the library without default features depends on {}",
+            wrong.join(", ")
+        ))
     }
 }

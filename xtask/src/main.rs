@@ -64,7 +64,10 @@ fn main() -> ExitCode {
     if wanted == ["full"] {
         return ended(steps::full());
     }
-    if let Some(("ablate", arguments)) = wanted.split_first().map(|(first, rest)| (first.as_str(), rest)) {
+    if let Some(("ablate", arguments)) = wanted
+        .split_first()
+        .map(|(first, rest)| (first.as_str(), rest))
+    {
         return ended(finder_sets::ablation::run(arguments));
     }
     if wanted == ["public-items"] {
@@ -89,7 +92,9 @@ fn main() -> ExitCode {
         && first == "tune"
         && !seeds.is_empty()
     {
-        return ended(board_tune::run_seeds(&seeds.iter().map(String::as_str).collect::<Vec<_>>()));
+        return ended(board_tune::run_seeds(
+            &seeds.iter().map(String::as_str).collect::<Vec<_>>(),
+        ));
     }
     if let [first, names @ ..] = wanted.as_slice()
         && first == "mutate"
@@ -106,7 +111,12 @@ fn main() -> ExitCode {
     {
         return ended(finder_sets::run(arguments));
     }
-    let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+    let steps = match wanted
+        .iter()
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .as_slice()
+    {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),
         ["quick"] => steps::quick(),
         ["host"] => steps::host(),
@@ -123,7 +133,11 @@ fn main() -> ExitCode {
         }
     };
     // The second line of a check is part of it, and has nothing to forget.
-    let begun = if wanted == [steps::OTHER_TARGETS] { Ok(()) } else { steps::forget_skipped_tests() };
+    let begun = if wanted == [steps::OTHER_TARGETS] {
+        Ok(())
+    } else {
+        steps::forget_skipped_tests()
+    };
     ended(begun.and_then(|()| steps::run(&steps)))
 }
 

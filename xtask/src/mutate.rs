@@ -27,7 +27,14 @@ const IMAGES: &str = "HYSTERON_IMAGES";
 /// A test of the list takes some tens of seconds on an idle machine.
 const MOST_TEST_S: u64 = 240;
 /// Of the checkout, what an image is made of; `.cargo` is found above the copy.
-const SOURCES: [&str; 6] = ["Cargo.toml", "Cargo.lock", "memory.x", "core", "board/protocol", "firmware"];
+const SOURCES: [&str; 6] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "memory.x",
+    "core",
+    "board/protocol",
+    "firmware",
+];
 
 /// The list.
 #[derive(Deserialize)]
@@ -81,14 +88,22 @@ enum Ran {
 
 impl Mutation {
     fn test(&self) -> Result<(&str, &str), String> {
-        self.test.split_once("::").ok_or_else(|| format!("{}: test = \"{}\" is not FILE::FUNCTION", self.name, self.test))
+        self.test.split_once("::").ok_or_else(|| {
+            format!(
+                "{}: test = \"{}\" is not FILE::FUNCTION",
+                self.name, self.test
+            )
+        })
     }
 
     /// The file's text with the mutation.
     fn applied_to(&self, text: &str) -> Result<String, String> {
         match text.matches(&self.take_out).count() {
             1 => Ok(text.replacen(&self.take_out, &self.put_in, 1)),
-            count => Err(format!("{}: what is taken out occurs {count} times in {}, and must occur once", self.name, self.file)),
+            count => Err(format!(
+                "{}: what is taken out occurs {count} times in {}, and must occur once",
+                self.name, self.file
+            )),
         }
     }
 }
@@ -96,18 +111,28 @@ impl Mutation {
 fn list() -> Result<Vec<Mutation>, String> {
     let path = root().join("firmware/mutations.toml");
     let text = fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-    let list: List = toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+    let list: List =
+        toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
     Ok(list.mutation)
 }
 
 /// Runs the named mutations, or all of them, and prints the table.
 pub fn run(names: &[String]) -> Result<(), String> {
     let all = list()?;
-    if let Some(unknown) = names.iter().find(|name| all.iter().all(|mutation| mutation.name != **name)) {
+    if let Some(unknown) = names
+        .iter()
+        .find(|name| all.iter().all(|mutation| mutation.name != **name))
+    {
         let known: Vec<&str> = all.iter().map(|mutation| mutation.name.as_str()).collect();
-        return Err(format!("there is no mutation `{unknown}`; there are {}", known.join(", ")));
+        return Err(format!(
+            "there is no mutation `{unknown}`; there are {}",
+            known.join(", ")
+        ));
     }
-    let chosen: Vec<&Mutation> = all.iter().filter(|mutation| names.is_empty() || names.contains(&mutation.name)).collect();
+    let chosen: Vec<&Mutation> = all
+        .iter()
+        .filter(|mutation| names.is_empty() || names.contains(&mutation.name))
+        .collect();
     let scratch = Scratch::new()?;
     let tests = test_program()?;
     let mut sound = BTreeMap::new();
@@ -116,34 +141,65 @@ pub fn run(names: &[String]) -> Result<(), String> {
     for mutation in &chosen {
         if !sound.contains_key(&mutation.test) {
             let ran = scratch.test(&tests, mutation)?;
-            println!("   without a mutation {}: {}", mutation.test, if matches!(ran, Ran::Passed) { "passes" } else { "FAILS" });
+            println!(
+                "   without a mutation {}: {}",
+                mutation.test,
+                if matches!(ran, Ran::Passed) {
+                    "passes"
+                } else {
+                    "FAILS"
+                }
+            );
             sound.insert(mutation.test.clone(), matches!(ran, Ran::Passed));
         }
     }
     println!("\n| without | fails | says |\n|---|---|---|");
     for mutation in &chosen {
-        let verdict = if sound.get(&mutation.test) == Some(&true) { scratch.try_out(&tests, mutation) } else { Err("fails anyway".into()) };
+        let verdict = if sound.get(&mutation.test) == Some(&true) {
+            scratch.try_out(&tests, mutation)
+        } else {
+            Err("fails anyway".into())
+        };
         let (noticed, says) = match verdict {
             Ok(Ran::Failed(says)) => (true, says),
             Ok(Ran::DidNotEnd) => (true, format!("did not end within {MOST_TEST_S} s")),
             Ok(Ran::Passed) => (false, "**survives**".into()),
             Err(error) => (false, format!("**not tried**: {error}")),
         };
-        println!("| {} (`{}`) | `{}` | {} |", mutation.without, mutation.name, mutation.test, says.replace('|', "/"));
+        println!(
+            "| {} (`{}`) | `{}` | {} |",
+            mutation.without,
+            mutation.name,
+            mutation.test,
+            says.replace('|', "/")
+        );
         let _ = std::io::stdout().flush();
         if !noticed {
             survivors.push(mutation.name.as_str());
         }
     }
-    println!("\n{} of {} mutations are noticed", chosen.len() - survivors.len(), chosen.len());
-    if survivors.is_empty() { Ok(()) } else { Err(format!("not noticed: {}", survivors.join(", "))) }
+    println!(
+        "\n{} of {} mutations are noticed",
+        chosen.len() - survivors.len(),
+        chosen.len()
+    );
+    if survivors.is_empty() {
+        Ok(())
+    } else {
+        Err(format!("not noticed: {}", survivors.join(", ")))
+    }
 }
 
 /// The emulated tests' program, built.
 fn test_program() -> Result<PathBuf, String> {
-    let emulated = |program: &TestProgram| program.is_of("board/emulator") && program.kind == "test";
+    let emulated =
+        |program: &TestProgram| program.is_of("board/emulator") && program.kind == "test";
     let programs = test_programs::build()?;
-    programs.into_iter().find(emulated).map(|program| program.executable).ok_or_else(|| "the emulated tests have no program".into())
+    programs
+        .into_iter()
+        .find(emulated)
+        .map(|program| program.executable)
+        .ok_or_else(|| "the emulated tests have no program".into())
 }
 
 /// The copy that is changed.
@@ -157,24 +213,46 @@ impl Scratch {
         let folder = root().join("target/mutation");
         fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
         for source in SOURCES {
-            copy(&root().join(source), &folder.join(source)).map_err(|error| format!("{source}: {error}"))?;
+            copy(&root().join(source), &folder.join(source))
+                .map_err(|error| format!("{source}: {error}"))?;
         }
-        Ok(Self { folder, toolchain: toolchain::for_target(&FIRMWARE)? })
+        Ok(Self {
+            folder,
+            toolchain: toolchain::for_target(&FIRMWARE)?,
+        })
     }
 
     fn images(&self) -> PathBuf {
-        self.folder.join("firmware/target/thumbv7em-none-eabihf/release")
+        self.folder
+            .join("firmware/target/thumbv7em-none-eabihf/release")
     }
 
     fn build(&self, image: Image) -> Result<(), String> {
-        let build = |selection: &[&str]| self.toolchain.build(&FIRMWARE, &self.folder.join("firmware"), selection);
+        let build = |selection: &[&str]| {
+            self.toolchain
+                .build(&FIRMWARE, &self.folder.join("firmware"), selection)
+        };
         match image {
-            Image::Spi => build(&["--workspace", "--bin", "hysteron-firmware", "--bin", "hysteron-boot-stage"]),
+            Image::Spi => build(&[
+                "--workspace",
+                "--bin",
+                "hysteron-firmware",
+                "--bin",
+                "hysteron-boot-stage",
+            ]),
             Image::BoardCheck => build(&["--bin", "board_check"]),
             Image::OnChip => {
-                build(&["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
-                let [built, kept] = ["hysteron-firmware", "hysteron-firmware-on-chip"].map(|name| self.images().join(name));
-                fs::copy(&built, &kept).map(|_| ()).map_err(|error| format!("{}: {error}", kept.display()))
+                build(&[
+                    "--bin",
+                    "hysteron-firmware",
+                    "--features",
+                    "on-chip-converters",
+                ])?;
+                let [built, kept] = ["hysteron-firmware", "hysteron-firmware-on-chip"]
+                    .map(|name| self.images().join(name));
+                fs::copy(&built, &kept)
+                    .map(|_| ())
+                    .map_err(|error| format!("{}: {error}", kept.display()))
             }
         }
     }
@@ -185,16 +263,23 @@ impl Scratch {
         [Image::BoardCheck, Image::OnChip, Image::Spi]
             .into_iter()
             // The default one brings the boot stage, without which nothing runs.
-            .filter(|image| *image == Image::Spi || mutations.iter().any(|mutation| mutation.image == *image))
+            .filter(|image| {
+                *image == Image::Spi || mutations.iter().any(|mutation| mutation.image == *image)
+            })
             .try_for_each(|image| self.build(image))
     }
 
     /// Makes a mutation, runs its test and takes the mutation back.
     fn try_out(&self, program: &Path, mutation: &Mutation) -> Result<Ran, String> {
-        let [honest, changed] = [root(), self.folder.clone()].map(|folder| folder.join(&mutation.file));
-        let text = fs::read_to_string(&honest).map_err(|error| format!("{}: {error}", honest.display()))?;
-        fs::write(&changed, mutation.applied_to(&text)?).map_err(|error| format!("{}: {error}", changed.display()))?;
-        let ran = self.build(mutation.image).and_then(|()| self.test(program, mutation));
+        let [honest, changed] =
+            [root(), self.folder.clone()].map(|folder| folder.join(&mutation.file));
+        let text = fs::read_to_string(&honest)
+            .map_err(|error| format!("{}: {error}", honest.display()))?;
+        fs::write(&changed, mutation.applied_to(&text)?)
+            .map_err(|error| format!("{}: {error}", changed.display()))?;
+        let ran = self
+            .build(mutation.image)
+            .and_then(|()| self.test(program, mutation));
         fs::write(&changed, text).map_err(|error| format!("{}: {error}", changed.display()))?;
         ran
     }
@@ -203,7 +288,9 @@ impl Scratch {
         let (file, function) = mutation.test()?;
         let log = self.folder.join(format!("{}.log", mutation.name));
         let said = fs::File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
-        let also = said.try_clone().map_err(|error| format!("{}: {error}", log.display()))?;
+        let also = said
+            .try_clone()
+            .map_err(|error| format!("{}: {error}", log.display()))?;
         let mut child = Command::new(program)
             .args(["--exact", &format!("{file}::{function}")])
             .current_dir(root().join("board/emulator"))
@@ -229,15 +316,29 @@ impl Scratch {
         if !said.contains("running 1 test") {
             return Err(format!("`{}` is no test", mutation.test));
         }
-        Ok(if status.success() { Ran::Passed } else { Ran::Failed(first_words(&said)) })
+        Ok(if status.success() {
+            Ran::Passed
+        } else {
+            Ran::Failed(first_words(&said))
+        })
     }
 }
 
 /// What a test that failed says first, shortened.
 fn first_words(said: &str) -> String {
-    let mut lines = said.lines().skip_while(|line| !line.contains("panicked at"));
-    let place = lines.next().and_then(|line| line.split("panicked at ").nth(1)).unwrap_or("").trim_end_matches(':').to_string();
-    let words: String = lines.take_while(|line| !line.is_empty() && !line.starts_with("note:")).collect::<Vec<_>>().join(" ");
+    let mut lines = said
+        .lines()
+        .skip_while(|line| !line.contains("panicked at"));
+    let place = lines
+        .next()
+        .and_then(|line| line.split("panicked at ").nth(1))
+        .unwrap_or("")
+        .trim_end_matches(':')
+        .to_string();
+    let words: String = lines
+        .take_while(|line| !line.is_empty() && !line.starts_with("note:"))
+        .collect::<Vec<_>>()
+        .join(" ");
     let short: String = words.chars().take(140).collect();
     format!("{place}: {short}")
 }
@@ -247,19 +348,31 @@ fn first_words(said: &str) -> String {
 fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     if from.is_file() {
         let bytes = fs::read(from)?;
-        return if fs::read(to).is_ok_and(|there| there == bytes) { Ok(()) } else { fs::write(to, bytes) };
+        return if fs::read(to).is_ok_and(|there| there == bytes) {
+            Ok(())
+        } else {
+            fs::write(to, bytes)
+        };
     }
     fs::create_dir_all(to)?;
     let names = |folder: &Path| -> std::io::Result<BTreeSet<_>> {
-        let names = fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.file_name())).collect::<std::io::Result<BTreeSet<_>>>()?;
+        let names = fs::read_dir(folder)?
+            .map(|entry| entry.map(|entry| entry.file_name()))
+            .collect::<std::io::Result<BTreeSet<_>>>()?;
         Ok(names.into_iter().filter(|name| name != "target").collect())
     };
     let wanted = names(from)?;
     for gone in names(to)?.difference(&wanted) {
         let gone = to.join(gone);
-        if gone.is_dir() { fs::remove_dir_all(gone)? } else { fs::remove_file(gone)? }
+        if gone.is_dir() {
+            fs::remove_dir_all(gone)?
+        } else {
+            fs::remove_file(gone)?
+        }
     }
-    wanted.iter().try_for_each(|name| copy(&from.join(name), &to.join(name)))
+    wanted
+        .iter()
+        .try_for_each(|name| copy(&from.join(name), &to.join(name)))
 }
 
 #[cfg(test)]
@@ -274,14 +387,29 @@ mod tests {
         let names: BTreeSet<&str> = list.iter().map(|mutation| mutation.name.as_str()).collect();
         assert_eq!(names.len(), list.len(), "a name stands twice");
         for mutation in &list {
-            let text = fs::read_to_string(root().join(&mutation.file)).unwrap_or_else(|error| panic!("{}: {error}", mutation.file));
-            let changed = mutation.applied_to(&text).unwrap_or_else(|error| panic!("{error}"));
+            let text = fs::read_to_string(root().join(&mutation.file))
+                .unwrap_or_else(|error| panic!("{}: {error}", mutation.file));
+            let changed = mutation
+                .applied_to(&text)
+                .unwrap_or_else(|error| panic!("{error}"));
             assert_ne!(changed, text, "{} changes nothing", mutation.name);
-            assert!(SOURCES.iter().any(|source| mutation.file.starts_with(&format!("{source}/"))), "{} is not copied", mutation.file);
+            assert!(
+                SOURCES
+                    .iter()
+                    .any(|source| mutation.file.starts_with(&format!("{source}/"))),
+                "{} is not copied",
+                mutation.file
+            );
             let (file, function) = mutation.test().expect("a test");
             let path = root().join(format!("board/emulator/tests/integration/{file}.rs"));
-            let tests = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-            assert!(tests.contains(&format!("#[test]\nfn {function}(")), "{}: no test {function} in {}", mutation.name, path.display());
+            let tests = fs::read_to_string(&path)
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            assert!(
+                tests.contains(&format!("#[test]\nfn {function}(")),
+                "{}: no test {function} in {}",
+                mutation.name,
+                path.display()
+            );
         }
     }
 
@@ -297,7 +425,13 @@ mod tests {
             test: String::new(),
         };
         assert_eq!(mutation("a").applied_to("ab").as_deref(), Ok("cb"));
-        assert_eq!(mutation("b").applied_to("abb").unwrap_err(), "name: what is taken out occurs 2 times in file, and must occur once");
-        assert_eq!(mutation("x").applied_to("ab").unwrap_err(), "name: what is taken out occurs 0 times in file, and must occur once");
+        assert_eq!(
+            mutation("b").applied_to("abb").unwrap_err(),
+            "name: what is taken out occurs 2 times in file, and must occur once"
+        );
+        assert_eq!(
+            mutation("x").applied_to("ab").unwrap_err(),
+            "name: what is taken out occurs 0 times in file, and must occur once"
+        );
     }
 }

@@ -14,5 +14,10 @@ pub fn run() -> Result<(), String> {
     let python = virtual_environment::kept("pipython", &[PIPYTHON])?;
     let board = EmulatedBoard::start(&board::program(), &words_of_board(&[]))?;
     let script = root().join("board/emulator/tests/pipython_client.py");
-    command(&python, &[&script.to_string_lossy(), &board.port], &root(), &[])
+    command(
+        &python,
+        &[&script.to_string_lossy(), &board.port],
+        &root(),
+        &[],
+    )
 }

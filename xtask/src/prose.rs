@@ -13,7 +13,10 @@ use crate::steps::root;
 const BANNED: &str = include_str!("banned_words.txt");
 
 /// Pages whose lines are those of the code that writes them.
-const GENERATED: [&str; 2] = ["docs/reference/effects.md", "lab/library/src/effect_reference.md"];
+const GENERATED: [&str; 2] = [
+    "docs/reference/effects.md",
+    "lab/library/src/effect_reference.md",
+];
 
 /// Mean words in a sentence of all pages and of each, words in the longest sentence.
 const MOST_MEAN_WORDS: f64 = 17.0;
@@ -37,7 +40,11 @@ struct Figures {
 
 impl Figures {
     fn mean(&self) -> f64 {
-        if self.sentences == 0 { 0.0 } else { self.words as f64 / self.sentences as f64 }
+        if self.sentences == 0 {
+            0.0
+        } else {
+            self.words as f64 / self.sentences as f64
+        }
     }
 }
 
@@ -65,8 +72,11 @@ fn number_of_words(sentence: &str) -> usize {
         rest = after.split_once(')').map_or("", |(_, after)| after);
     }
     text.push_str(rest);
-    let joins = |c: char| c.is_alphanumeric() || matches!(c, '\'' | '’' | '-' | '_' | '.' | ',' | '/');
-    text.split(|c: char| !joins(c)).filter(|word| word.chars().any(char::is_alphanumeric)).count()
+    let joins =
+        |c: char| c.is_alphanumeric() || matches!(c, '\'' | '’' | '-' | '_' | '.' | ',' | '/');
+    text.split(|c: char| !joins(c))
+        .filter(|word| word.chars().any(char::is_alphanumeric))
+        .count()
 }
 
 /// Sentences of a paragraph with the byte at which each begins. A colon or a semicolon ends one as a full
@@ -100,10 +110,22 @@ fn sentences(paragraph: &str) -> Vec<(usize, &str)> {
 fn banned(text: &str) -> Vec<(&'static str, &'static str)> {
     let words = words(text);
     let stands = |sequence: &str| {
-        let sequence: Vec<Vec<&str>> = sequence.split_whitespace().map(|word| word.split('|').collect()).collect();
-        words.windows(sequence.len()).any(|window| window.iter().zip(&sequence).all(|(word, any)| any.contains(&word.as_str())))
+        let sequence: Vec<Vec<&str>> = sequence
+            .split_whitespace()
+            .map(|word| word.split('|').collect())
+            .collect();
+        words.windows(sequence.len()).any(|window| {
+            window
+                .iter()
+                .zip(&sequence)
+                .all(|(word, any)| any.contains(&word.as_str()))
+        })
     };
-    BANNED.lines().filter_map(|line| line.split_once(" = ")).filter(|(sequence, _)| stands(sequence)).collect()
+    BANNED
+        .lines()
+        .filter_map(|line| line.split_once(" = "))
+        .filter(|(sequence, _)| stands(sequence))
+        .collect()
 }
 
 /// Paragraphs of a page without code, tables, headings and what a program writes between marks: lines with
@@ -117,7 +139,9 @@ fn paragraphs(page: &str) -> Vec<Vec<(usize, &str)>> {
             is_generated = text.contains(": written ");
         }
         let is_item = ["- ", "* "].iter().any(|mark| text.starts_with(mark))
-            || text.split_once(". ").is_some_and(|(number, _)| !number.is_empty() && number.chars().all(|c| c.is_ascii_digit()));
+            || text.split_once(". ").is_some_and(|(number, _)| {
+                !number.is_empty() && number.chars().all(|c| c.is_ascii_digit())
+            });
         in_code ^= text.starts_with("```");
         let is_indented = line.starts_with("    ") && !in_list && current.is_empty();
         let is_other = in_code
@@ -151,14 +175,21 @@ fn page(text: &str) -> Figures {
                 figures.long_lines.push((*number, line.chars().count()));
             }
         }
-        let joined = paragraph.iter().map(|(_, line)| *line).collect::<Vec<_>>().join(" ");
+        let joined = paragraph
+            .iter()
+            .map(|(_, line)| *line)
+            .collect::<Vec<_>>()
+            .join(" ");
         for (begin, sentence) in sentences(&joined) {
             let mut passed = 0;
             let starts_later = |(_, line): &&(usize, &str)| {
                 passed += line.len() + 1;
                 passed > begin
             };
-            let number = paragraph.iter().find(starts_later).map_or(0, |(number, _)| *number);
+            let number = paragraph
+                .iter()
+                .find(starts_later)
+                .map_or(0, |(number, _)| *number);
             let count = number_of_words(sentence);
             if count == 0 {
                 continue;
@@ -169,7 +200,11 @@ fn page(text: &str) -> Figures {
             if count > MOST_WORDS {
                 figures.long_sentences.push((number, count));
             }
-            figures.banned.extend(banned(sentence).into_iter().map(|(what, instead)| (number, what, instead)));
+            figures.banned.extend(
+                banned(sentence)
+                    .into_iter()
+                    .map(|(what, instead)| (number, what, instead)),
+            );
         }
     }
     figures
@@ -201,62 +236,115 @@ fn comment_and_strings<'a>(line: &'a str, marks: &[&str]) -> (&'a str, Vec<&'a s
 /// Comments and messages of a source.
 fn source(text: &str, marks: &[&str]) -> Figures {
     let mut figures = Figures::default();
-    for (number, line) in text.lines().enumerate().map(|(number, line)| (number + 1, line)) {
+    for (number, line) in text
+        .lines()
+        .enumerate()
+        .map(|(number, line)| (number + 1, line))
+    {
         let (comment, strings) = comment_and_strings(line, marks);
         let is_all_comment = !comment.is_empty() && line.trim_start() == comment;
         if is_all_comment && line.chars().count() > MOST_COLUMNS {
             figures.long_lines.push((number, line.chars().count()));
         }
         for prose in std::iter::once(comment).chain(strings) {
-            figures.banned.extend(banned(prose).into_iter().map(|(what, instead)| (number, what, instead)));
+            figures.banned.extend(
+                banned(prose)
+                    .into_iter()
+                    .map(|(what, instead)| (number, what, instead)),
+            );
         }
     }
     figures
 }
 
 fn is_page(file: &str) -> bool {
-    Path::new(file).extension().is_some_and(|extension| extension == "md")
+    Path::new(file)
+        .extension()
+        .is_some_and(|extension| extension == "md")
 }
 
 fn figures_of(file: &str) -> Result<Option<Figures>, String> {
-    let marks: &[&str] = match Path::new(file).extension().and_then(|extension| extension.to_str()) {
+    let marks: &[&str] = match Path::new(file)
+        .extension()
+        .and_then(|extension| extension.to_str())
+    {
         Some("md") => &[],
         Some("rs" | "js") => &["//"],
         Some("py" | "toml" | "yml" | "cff") => &["#"],
         _ => return Ok(None),
     };
-    let text = std::fs::read_to_string(root().join(file)).map_err(|error| format!("{file}: {error}"))?;
-    Ok(Some(if marks.is_empty() { page(&text) } else { source(&text, marks) }))
+    let text =
+        std::fs::read_to_string(root().join(file)).map_err(|error| format!("{file}: {error}"))?;
+    Ok(Some(if marks.is_empty() {
+        page(&text)
+    } else {
+        source(&text, marks)
+    }))
 }
 
 /// What passes a limit in a file.
 fn faults(file: &str, figures: &Figures) -> Vec<String> {
     let mut out = Vec::new();
     if figures.mean() > MOST_MEAN_WORDS_OF_PAGE {
-        out.push(format!("{file}: {:.1} words a sentence, at most {MOST_MEAN_WORDS_OF_PAGE}", figures.mean()));
+        out.push(format!(
+            "{file}: {:.1} words a sentence, at most {MOST_MEAN_WORDS_OF_PAGE}",
+            figures.mean()
+        ));
     }
-    out.extend(figures.long_sentences.iter().map(|(line, count)| format!("{file}:{line}: {count} words, at most {MOST_WORDS}")));
-    out.extend(figures.banned.iter().map(|(line, what, instead)| format!("{file}:{line}: \"{what}\": {instead}")));
+    out.extend(
+        figures
+            .long_sentences
+            .iter()
+            .map(|(line, count)| format!("{file}:{line}: {count} words, at most {MOST_WORDS}")),
+    );
+    out.extend(
+        figures
+            .banned
+            .iter()
+            .map(|(line, what, instead)| format!("{file}:{line}: \"{what}\": {instead}")),
+    );
     if !GENERATED.contains(&file) {
-        out.extend(figures.long_lines.iter().map(|(line, columns)| format!("{file}:{line}: {columns} columns, at most {MOST_COLUMNS}")));
+        out.extend(figures.long_lines.iter().map(|(line, columns)| {
+            format!("{file}:{line}: {columns} columns, at most {MOST_COLUMNS}")
+        }));
     }
     out
 }
 
 fn files() -> Result<Vec<String>, String> {
-    let listed = Command::new("git").args(["ls-files"]).current_dir(root()).output().map_err(|error| format!("git ls-files: {error}"))?;
+    let listed = Command::new("git")
+        .args(["ls-files"])
+        .current_dir(root())
+        .output()
+        .map_err(|error| format!("git ls-files: {error}"))?;
     if !listed.status.success() {
-        return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listed.stderr)));
+        return Err(format!(
+            "git ls-files: {}",
+            String::from_utf8_lossy(&listed.stderr)
+        ));
     }
     let there = |file: &String| root().join(file).is_file();
-    Ok(String::from_utf8_lossy(&listed.stdout).lines().map(String::from).filter(there).collect())
+    Ok(String::from_utf8_lossy(&listed.stdout)
+        .lines()
+        .map(String::from)
+        .filter(there)
+        .collect())
 }
 
 /// Every place in a file.
 fn print_places(file: &str, figures: &Figures) {
-    figures.long_sentences.iter().for_each(|(line, words)| println!("{file}:{line}: a sentence of {words} words"));
-    figures.banned.iter().for_each(|(line, what, instead)| println!("{file}:{line}: \"{what}\": {instead}"));
-    figures.long_lines.iter().for_each(|(line, columns)| println!("{file}:{line}: {columns} columns"));
+    figures
+        .long_sentences
+        .iter()
+        .for_each(|(line, words)| println!("{file}:{line}: a sentence of {words} words"));
+    figures
+        .banned
+        .iter()
+        .for_each(|(line, what, instead)| println!("{file}:{line}: \"{what}\": {instead}"));
+    figures
+        .long_lines
+        .iter()
+        .for_each(|(line, columns)| println!("{file}:{line}: {columns} columns"));
 }
 
 /// A table by file, or the places in the files that are named. What passes a limit in a page is an error;
@@ -266,21 +354,31 @@ fn print_places(file: &str, figures: &Figures) {
 /// What cannot be read, and what passes a limit.
 pub fn report(arguments: &[String]) -> Result<(), String> {
     let is_strict = arguments.iter().any(|word| word == "--strict");
-    let named: Vec<&String> = arguments.iter().filter(|word| *word != "--strict").collect();
+    let named: Vec<&String> = arguments
+        .iter()
+        .filter(|word| *word != "--strict")
+        .collect();
     let mut all = Vec::new();
     for file in files()? {
-        let is_wanted = named.is_empty() || named.iter().any(|name| Path::new(&file).starts_with(name));
+        let is_wanted =
+            named.is_empty() || named.iter().any(|name| Path::new(&file).starts_with(name));
         if let Some(figures) = if is_wanted { figures_of(&file)? } else { None } {
             all.push((file, figures));
         }
     }
     if all.is_empty() {
-        return Err(format!("no page or source among the files of the repository: {named:?}"));
+        return Err(format!(
+            "no page or source among the files of the repository: {named:?}"
+        ));
     }
     if !named.is_empty() {
-        all.iter().for_each(|(file, figures)| print_places(file, figures));
+        all.iter()
+            .for_each(|(file, figures)| print_places(file, figures));
     }
-    println!("{:>9} {:>10} {:>8} {:>7} {:>11}  file", "sentences", "mean words", "longest", "banned", "long lines");
+    println!(
+        "{:>9} {:>10} {:>8} {:>7} {:>11}  file",
+        "sentences", "mean words", "longest", "banned", "long lines"
+    );
     let (mut sentences, mut words, mut banned, mut long_lines) = (0, 0, 0, 0);
     let mut passed = Vec::new();
     for (file, figures) in &all {
@@ -293,15 +391,32 @@ pub fn report(arguments: &[String]) -> Result<(), String> {
         }
         let (found, lines) = (figures.banned.len(), figures.long_lines.len());
         if figures.sentences > 0 {
-            println!("{:>9} {:>10.1} {:>8} {found:>7} {lines:>11}  {file}", figures.sentences, figures.mean(), figures.longest);
+            println!(
+                "{:>9} {:>10.1} {:>8} {found:>7} {lines:>11}  {file}",
+                figures.sentences,
+                figures.mean(),
+                figures.longest
+            );
         } else if found + lines > 0 {
-            println!("{:>9} {:>10} {:>8} {found:>7} {lines:>11}  {file}", "", "", "");
+            println!(
+                "{:>9} {:>10} {:>8} {found:>7} {lines:>11}  {file}",
+                "", "", ""
+            );
         }
     }
-    let mean = if sentences == 0 { 0.0 } else { words as f64 / sentences as f64 };
-    println!("{sentences:>9} {mean:>10.1} {:>8} {banned:>7} {long_lines:>11}  in all", "");
+    let mean = if sentences == 0 {
+        0.0
+    } else {
+        words as f64 / sentences as f64
+    };
+    println!(
+        "{sentences:>9} {mean:>10.1} {:>8} {banned:>7} {long_lines:>11}  in all",
+        ""
+    );
     if mean > MOST_MEAN_WORDS {
-        passed.push(format!("all pages: {mean:.1} words a sentence, at most {MOST_MEAN_WORDS}"));
+        passed.push(format!(
+            "all pages: {mean:.1} words a sentence, at most {MOST_MEAN_WORDS}"
+        ));
     }
     match (passed.len(), named.is_empty()) {
         (0, _) => Ok(()),
@@ -317,8 +432,19 @@ mod tests {
     #[test]
     fn a_stop_before_a_capital_ends_a_sentence_and_one_in_a_number_does_not() {
         let parts: Vec<&str> =
-            sentences("It takes 2.5 s, i.e. long. See `a. B` first; then **go.** Done").into_iter().map(|(_, text)| text).collect();
-        assert_eq!(parts, ["It takes 2.5 s, i.e. long.", "See `a. B` first;", "then **go.**", "Done"]);
+            sentences("It takes 2.5 s, i.e. long. See `a. B` first; then **go.** Done")
+                .into_iter()
+                .map(|(_, text)| text)
+                .collect();
+        assert_eq!(
+            parts,
+            [
+                "It takes 2.5 s, i.e. long.",
+                "See `a. B` first;",
+                "then **go.**",
+                "Done"
+            ]
+        );
     }
 
     #[test]
@@ -326,13 +452,23 @@ mod tests {
         let figures = page(
             "# A title of words\n\nOne two\nthree.\n\n    code of words\n\n| a | table |\n\n- [an item](far/away.md)\n  goes on\n\n```\nmore\n```\n\n<!-- a: written by b -->\nwords\n<!-- end of a -->\n",
         );
-        assert_eq!((figures.sentences, figures.words, figures.longest), (2, 7, 4));
+        assert_eq!(
+            (figures.sentences, figures.words, figures.longest),
+            (2, 7, 4)
+        );
     }
 
     #[test]
     fn a_banned_word_is_found_over_the_end_of_a_line_with_its_line() {
         let figures = page("First.\nA cause is\ntold here.\n");
-        assert_eq!(figures.banned.iter().map(|(line, what, _)| (*line, *what)).collect::<Vec<_>>(), [(2, "is|are|was|were|been|be told")]);
+        assert_eq!(
+            figures
+                .banned
+                .iter()
+                .map(|(line, what, _)| (*line, *what))
+                .collect::<Vec<_>>(),
+            [(2, "is|are|was|were|been|be told")]
+        );
         assert!(banned("a historical tolding of planes").is_empty());
     }
 
@@ -342,7 +478,11 @@ mod tests {
         let found = faults("README.md", &figures);
         assert_eq!(
             found,
-            ["README.md: 46.0 words a sentence, at most 20", "README.md:1: 46 words, at most 45", "README.md:1: 229 columns, at most 110"]
+            [
+                "README.md: 46.0 words a sentence, at most 20",
+                "README.md:1: 46 words, at most 45",
+                "README.md:1: 229 columns, at most 110"
+            ]
         );
         assert_eq!(faults("docs/reference/effects.md", &figures).len(), 2);
         assert!(faults("README.md", &page("It ends.\n")).is_empty());
@@ -351,6 +491,9 @@ mod tests {
     #[test]
     fn a_source_has_comments_and_long_strings() {
         let line = r#"    call("https://example.org/a \" string", "short"); // why"#;
-        assert_eq!(comment_and_strings(line, &["//"]), ("// why", vec![r#"https://example.org/a \" string"#]));
+        assert_eq!(
+            comment_and_strings(line, &["//"]),
+            ("// why", vec![r#"https://example.org/a \" string"#])
+        );
     }
 }

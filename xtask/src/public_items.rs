@@ -10,13 +10,26 @@ const MOST: usize = 250;
 
 /// Items of `all.html`, as `struct Dataset` or `fn servo::design`.
 fn items(page: &str) -> BTreeSet<String> {
-    let links = page.split("href=\"").skip(1).filter_map(|rest| rest.split_once('"').map(|(link, _)| link));
+    let links = page
+        .split("href=\"")
+        .skip(1)
+        .filter_map(|rest| rest.split_once('"').map(|(link, _)| link));
     let item = |link: &str| {
         let path = link.strip_suffix(".html")?;
-        let (folder, file) = path.rsplit_once('/').map_or(("", path), |(folder, file)| (folder, file));
+        let (folder, file) = path
+            .rsplit_once('/')
+            .map_or(("", path), |(folder, file)| (folder, file));
         let (kind, name) = file.split_once('.')?;
-        let place = if folder.is_empty() { String::new() } else { format!("{}::", folder.replace('/', "::")) };
-        ["struct", "enum", "trait", "fn", "type", "constant", "static", "macro"].contains(&kind).then(|| format!("{kind} {place}{name}"))
+        let place = if folder.is_empty() {
+            String::new()
+        } else {
+            format!("{}::", folder.replace('/', "::"))
+        };
+        [
+            "struct", "enum", "trait", "fn", "type", "constant", "static", "macro",
+        ]
+        .contains(&kind)
+        .then(|| format!("{kind} {place}{name}"))
     };
     links.filter_map(item).collect()
 }
@@ -24,10 +37,14 @@ fn items(page: &str) -> BTreeSet<String> {
 /// Compares the documented items with the list; `write` makes the list anew.
 fn compare(write: bool) -> Result<(), String> {
     let page = root().join("target/doc/hysteron/all.html");
-    let text = std::fs::read_to_string(&page).map_err(|e| format!("{}: {e}; expected the pages of `cargo doc`", page.display()))?;
+    let text = std::fs::read_to_string(&page)
+        .map_err(|e| format!("{}: {e}; expected the pages of `cargo doc`", page.display()))?;
     let found = items(&text);
     if found.len() > MOST {
-        return Err(format!("the library shows {} items; expected at most {MOST}", found.len()));
+        return Err(format!(
+            "the library shows {} items; expected at most {MOST}",
+            found.len()
+        ));
     }
     let list = root().join(LIST);
     if write {
@@ -36,13 +53,24 @@ fn compare(write: bool) -> Result<(), String> {
     }
     let known = std::fs::read_to_string(&list).map_err(|e| format!("{LIST}: {e}"))?;
     let known: BTreeSet<String> = known.lines().map(String::from).collect();
-    let names = |items: Vec<&String>| items.iter().map(|item| item.as_str()).collect::<Vec<_>>().join(", ");
-    let (new, gone) = (names(found.difference(&known).collect()), names(known.difference(&found).collect()));
+    let names = |items: Vec<&String>| {
+        items
+            .iter()
+            .map(|item| item.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let (new, gone) = (
+        names(found.difference(&known).collect()),
+        names(known.difference(&found).collect()),
+    );
     if new.is_empty() && gone.is_empty() {
         println!("{} public items, as listed", found.len());
         return Ok(());
     }
-    Err(format!("{LIST}: new: {new}; gone: {gone}. If that is meant: cargo xtask public-items"))
+    Err(format!(
+        "{LIST}: new: {new}; gone: {gone}. If that is meant: cargo xtask public-items"
+    ))
 }
 
 /// The step of the check, after the documentation.
@@ -62,6 +90,9 @@ mod tests {
     #[test]
     fn items_are_read_from_links() {
         let page = "<a href=\"struct.Dataset.html\">Dataset</a><a href=\"servo/fn.design.html\">x</a><a href=\"index.html\">y</a>";
-        assert_eq!(items(page).into_iter().collect::<Vec<_>>(), ["fn servo::design", "struct Dataset"]);
+        assert_eq!(
+            items(page).into_iter().collect::<Vec<_>>(),
+            ["fn servo::design", "struct Dataset"]
+        );
     }
 }

@@ -9,8 +9,20 @@ use crate::virtual_environment::{fresh, install, kept};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
 /// formats that are read, and the cluster of the example, and what runs a notebook.
-const TOOLS: [&str; 12] =
-    ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]", "nbclient", "ipykernel"];
+const TOOLS: [&str; 12] = [
+    "maturin",
+    "mypy",
+    "numpy",
+    "scipy",
+    "h5py",
+    "npTDMS",
+    "pyarrow",
+    "pandas",
+    "openpyxl",
+    "dask[distributed]",
+    "nbclient",
+    "ipykernel",
+];
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
@@ -19,7 +31,8 @@ fn text(path: &Path) -> String {
 /// Removes what an earlier run has left.
 fn emptied(folder: &Path) -> Result<(), String> {
     if folder.exists() {
-        std::fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        std::fs::remove_dir_all(folder)
+            .map_err(|error| format!("{}: {error}", folder.display()))?;
     }
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
@@ -30,11 +43,29 @@ const WITH_FEATURES: &str = "{p} {f}";
 /// A package with other features than the tests' is built once more for the wheel, and so is all that stands
 /// on it.
 fn print_what_is_built_anew() -> Result<(), String> {
-    let of_the_tests = packages(&["--workspace", "--features", "hysteron-cli/full", "--edges", "normal,build,dev"], WITH_FEATURES)?;
-    let of_the_wheel = packages(&["--package", "hysteron-python", "--edges", "normal,build"], WITH_FEATURES)?;
-    let others: Vec<&str> = of_the_wheel.difference(&of_the_tests).map(String::as_str).collect();
+    let of_the_tests = packages(
+        &[
+            "--workspace",
+            "--features",
+            "hysteron-cli/full",
+            "--edges",
+            "normal,build,dev",
+        ],
+        WITH_FEATURES,
+    )?;
+    let of_the_wheel = packages(
+        &["--package", "hysteron-python", "--edges", "normal,build"],
+        WITH_FEATURES,
+    )?;
+    let others: Vec<&str> = of_the_wheel
+        .difference(&of_the_tests)
+        .map(String::as_str)
+        .collect();
     if !others.is_empty() {
-        println!("   the wheel has other features than the workspace, and builds anew: {}", others.join(", "));
+        println!(
+            "   the wheel has other features than the workspace, and builds anew: {}",
+            others.join(", ")
+        );
     }
     Ok(())
 }
@@ -47,16 +78,57 @@ pub fn test() -> Result<(), String> {
     let wheels = root().join("target/python/wheels");
     emptied(&wheels)?;
     let out = text(&wheels);
-    let maturin = ["-m", "maturin", "build", "--quiet", "--release", "--manifest-path", "lab/python/Cargo.toml", "--out", &out];
+    let maturin = [
+        "-m",
+        "maturin",
+        "build",
+        "--quiet",
+        "--release",
+        "--manifest-path",
+        "lab/python/Cargo.toml",
+        "--out",
+        &out,
+    ];
     command(&tools, &maturin, &root(), &[])?;
-    command(&tools, &["-m", "mypy", "--strict", "lab/python/hysteron"], &root(), &[])?;
+    command(
+        &tools,
+        &["-m", "mypy", "--strict", "lab/python/hysteron"],
+        &root(),
+        &[],
+    )?;
     let python = fresh("python/fresh")?;
-    let wheel = std::fs::read_dir(&wheels).ok().and_then(|mut files| files.next()?.ok()).ok_or("no wheel was built")?;
+    let wheel = std::fs::read_dir(&wheels)
+        .ok()
+        .and_then(|mut files| files.next()?.ok())
+        .ok_or("no wheel was built")?;
     install(&python, &[&text(&wheel.path())])?;
-    install(&tools, &["--force-reinstall", "--no-deps", &text(&wheel.path())])?;
+    install(
+        &tools,
+        &["--force-reinstall", "--no-deps", &text(&wheel.path())],
+    )?;
     let program = text(&built("hysteron"));
-    command(&python, &["-m", "unittest", "--quiet", "lab/python/tests/test_package.py"], &root(), &[("HYSTERON", &program)])?;
-    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])?;
+    command(
+        &python,
+        &[
+            "-m",
+            "unittest",
+            "--quiet",
+            "lab/python/tests/test_package.py",
+        ],
+        &root(),
+        &[("HYSTERON", &program)],
+    )?;
+    command(
+        &tools,
+        &[
+            "-m",
+            "unittest",
+            "--quiet",
+            "lab/python/tests/test_fleet.py",
+        ],
+        &root(),
+        &[],
+    )?;
     notebook(&tools, &[])
 }
 
@@ -64,20 +136,50 @@ pub fn test() -> Result<(), String> {
 fn notebook(tools: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
     // Its kernel is looked for beside the interpreter, not among those of the user.
     let kernels = text(&tools.with_file_name("../share/jupyter"));
-    let variables = [variables, &[("JUPYTER_PATH", kernels.as_str()), ("PYTHONWARNINGS", "ignore::DeprecationWarning")]].concat();
-    command(tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_notebook.py"], &root(), &variables)
+    let variables = [
+        variables,
+        &[
+            ("JUPYTER_PATH", kernels.as_str()),
+            ("PYTHONWARNINGS", "ignore::DeprecationWarning"),
+        ],
+    ]
+    .concat();
+    command(
+        tools,
+        &[
+            "-m",
+            "unittest",
+            "--quiet",
+            "lab/python/tests/test_notebook.py",
+        ],
+        &root(),
+        &variables,
+    )
 }
 
 /// Stores what the notebook prints now, with the wheel of the last `cargo xtask python`.
 pub fn write_notebook() -> Result<(), String> {
-    notebook(&kept("python/tools", &TOOLS)?, &[("HYSTERON_WRITE_NOTEBOOK", "1")])
+    notebook(
+        &kept("python/tools", &TOOLS)?,
+        &[("HYSTERON_WRITE_NOTEBOOK", "1")],
+    )
 }
 
 /// Library and program on files that the libraries of their formats have just written, whole and damaged.
 pub fn formats() -> Result<(), String> {
     let folder = root().join("target/python/formats");
     emptied(&folder)?;
-    command(&kept("python/tools", &TOOLS)?, &["lab/library/tests/formats/make.py", &text(&folder)], &root(), &[])?;
-    let test = [&["test", "--quiet"], &AS_TESTED[..], &["--test", "integration", "formats::"]].concat();
+    command(
+        &kept("python/tools", &TOOLS)?,
+        &["lab/library/tests/formats/make.py", &text(&folder)],
+        &root(),
+        &[],
+    )?;
+    let test = [
+        &["test", "--quiet"],
+        &AS_TESTED[..],
+        &["--test", "integration", "formats::"],
+    ]
+    .concat();
     cargo(&test, &root(), &[("HYSTERON_FORMATS", &text(&folder))])
 }

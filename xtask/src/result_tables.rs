@@ -33,7 +33,10 @@ pub fn write() -> Result<(), String> {
 pub fn check() -> Result<(), String> {
     for (page, text) in pages()? {
         if with_tables(&page, &text)? != text {
-            return Err(format!("{}: a table is not that of benchmarks/results; run `cargo xtask tables`", page.display()));
+            return Err(format!(
+                "{}: a table is not that of benchmarks/results; run `cargo xtask tables`",
+                page.display()
+            ));
         }
     }
     Ok(())
@@ -43,9 +46,15 @@ pub fn check() -> Result<(), String> {
 fn pages() -> Result<Vec<(PathBuf, String)>, String> {
     let mut found = Vec::new();
     for folder in ["docs/results", "docs/reference", "docs/guides"] {
-        let entries = std::fs::read_dir(root().join(folder)).map_err(|e| format!("{folder}: {e}"))?;
-        for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "md")) {
-            let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let entries =
+            std::fs::read_dir(root().join(folder)).map_err(|e| format!("{folder}: {e}"))?;
+        for path in entries
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|e| e == "md"))
+        {
+            let text =
+                std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
             if text.contains(BEGIN) {
                 found.push((path, text));
             }
@@ -59,9 +68,17 @@ fn with_tables(page: &Path, text: &str) -> Result<String, String> {
     let at = |message: String| format!("{}: {message}", page.display());
     let (mut out, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once(BEGIN) {
-        let (what, after) = after.split_once(" -->").ok_or_else(|| at(format!("`{BEGIN}` has no end")))?;
-        let (_, behind) = after.split_once(END).ok_or_else(|| at(format!("table `{what}` has no `{END}`")))?;
-        let _ = write!(out, "{before}{BEGIN}{what} -->\n\n{}\n{END}", table(what).map_err(at)?);
+        let (what, after) = after
+            .split_once(" -->")
+            .ok_or_else(|| at(format!("`{BEGIN}` has no end")))?;
+        let (_, behind) = after
+            .split_once(END)
+            .ok_or_else(|| at(format!("table `{what}` has no `{END}`")))?;
+        let _ = write!(
+            out,
+            "{before}{BEGIN}{what} -->\n\n{}\n{END}",
+            table(what).map_err(at)?
+        );
         rest = behind;
     }
     out.push_str(rest);
@@ -74,18 +91,30 @@ fn table(what: &str) -> Result<String, String> {
     let name = words.next().unwrap_or_default();
     let arguments: Vec<&str> = words.collect();
     match name {
-        "csv" => of_csv(arguments.first().ok_or("`csv` needs a file")?, &arguments[1..]),
+        "csv" => of_csv(
+            arguments.first().ok_or("`csv` needs a file")?,
+            &arguments[1..],
+        ),
         "finder" => Ok(of_cases(&finder_rows(&arguments)?)),
         "finder-counts" => of_counts(&arguments),
         "chapters" => of_chapters(),
-        other => Err(format!("no table `{other}`; expected csv, finder, finder-counts or chapters")),
+        other => Err(format!(
+            "no table `{other}`; expected csv, finder, finder-counts or chapters"
+        )),
     }
 }
 
 fn markdown(head: &[String], rows: &[Vec<String>]) -> String {
     let mut out = format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(head.len()));
     for row in rows {
-        let _ = writeln!(out, "| {} |", row.iter().map(|cell| cell.replace('|', "/")).collect::<Vec<_>>().join(" | "));
+        let _ = writeln!(
+            out,
+            "| {} |",
+            row.iter()
+                .map(|cell| cell.replace('|', "/"))
+                .collect::<Vec<_>>()
+                .join(" | ")
+        );
     }
     out
 }
@@ -94,7 +123,11 @@ fn markdown(head: &[String], rows: &[Vec<String>]) -> String {
 fn read(file: &str) -> Result<Vec<Vec<String>>, String> {
     let path = root().join("benchmarks/results").join(file);
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    Ok(text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#')).map(fields).collect())
+    Ok(text
+        .lines()
+        .filter(|line| !line.trim().is_empty() && !line.starts_with('#'))
+        .map(fields)
+        .collect())
 }
 
 fn fields(line: &str) -> Vec<String> {
@@ -117,21 +150,38 @@ fn fields(line: &str) -> Vec<String> {
 
 fn of_csv(file: &str, columns: &[&str]) -> Result<String, String> {
     let rows = read(file)?;
-    let (head, rows) = rows.split_first().ok_or_else(|| format!("{file} is empty"))?;
+    let (head, rows) = rows
+        .split_first()
+        .ok_or_else(|| format!("{file} is empty"))?;
     let places: Vec<usize> = if columns.is_empty() {
         (0..head.len()).collect()
     } else {
-        let place = |name: &&str| head.iter().position(|h| h == name).ok_or_else(|| format!("{file} has no column {name}"));
+        let place = |name: &&str| {
+            head.iter()
+                .position(|h| h == name)
+                .ok_or_else(|| format!("{file} has no column {name}"))
+        };
         columns.iter().map(place).collect::<Result<_, _>>()?
     };
-    let taken = |row: &Vec<String>| places.iter().map(|p| row.get(*p).cloned().unwrap_or_default()).collect::<Vec<_>>();
-    let head: Vec<String> = taken(head).iter().map(|name| name.replace('_', " ")).collect();
+    let taken = |row: &Vec<String>| {
+        places
+            .iter()
+            .map(|p| row.get(*p).cloned().unwrap_or_default())
+            .collect::<Vec<_>>()
+    };
+    let head: Vec<String> = taken(head)
+        .iter()
+        .map(|name| name.replace('_', " "))
+        .collect();
     Ok(markdown(&head, &rows.iter().map(taken).collect::<Vec<_>>()))
 }
 
 fn finder_rows(sets: &[&str]) -> Result<Vec<ResultRow>, String> {
     let rows = Results::open(LABEL)?.rows;
-    Ok(sets.iter().flat_map(|set| rows.iter().filter(move |row| row.set == *set).cloned()).collect())
+    Ok(sets
+        .iter()
+        .flat_map(|set| rows.iter().filter(move |row| row.set == *set).cloned())
+        .collect())
 }
 
 fn nm(um: Option<f64>) -> String {
@@ -151,7 +201,11 @@ fn said(row: &ResultRow) -> String {
         None => name.replace('_', " "),
     };
     let finding = |names: &str| names.split('|').map(one).collect::<Vec<_>>().join(" or ");
-    row.said.split('+').map(finding).collect::<Vec<_>>().join("; ")
+    row.said
+        .split('+')
+        .map(finding)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// Nothing is missing and nothing is named, although the error is above the noise.
@@ -160,7 +214,15 @@ fn nothing_to_name(row: &ResultRow) -> bool {
 }
 
 fn of_cases(rows: &[ResultRow]) -> String {
-    let head = ["recording", "verdict", "reported", "error before, nm", "after", "mark"].map(String::from);
+    let head = [
+        "recording",
+        "verdict",
+        "reported",
+        "error before, nm",
+        "after",
+        "mark",
+    ]
+    .map(String::from);
     let mark = |row: &ResultRow| match row.mark.as_str() {
         "in set" => "within an \"or\"".to_owned(),
         "missed" if nothing_to_name(row) => "nothing named".into(),
@@ -168,18 +230,46 @@ fn of_cases(rows: &[ResultRow]) -> String {
         mark => mark.to_owned(),
     };
     let cells = |row: &ResultRow| {
-        vec![row.case.replace('_', " "), format!("`{}`", row.verdict), said(row), nm(row.before_um), nm(row.after_um), mark(row)]
+        vec![
+            row.case.replace('_', " "),
+            format!("`{}`", row.verdict),
+            said(row),
+            nm(row.before_um),
+            nm(row.after_um),
+            mark(row),
+        ]
     };
     markdown(&head, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn of_counts(sets: &[&str]) -> Result<String, String> {
-    let head = ["set", "cases", "right", "within an \"or\"", "not named", "wrong \"or\"", "wrong"].map(String::from);
+    let head = [
+        "set",
+        "cases",
+        "right",
+        "within an \"or\"",
+        "not named",
+        "wrong \"or\"",
+        "wrong",
+    ]
+    .map(String::from);
     let mut rows = Vec::new();
     for set in sets {
         let of_set = finder_rows(&[set])?;
-        let mark = |row: &ResultRow| if nothing_to_name(row) { "right".to_owned() } else { row.mark.clone() };
-        let count = |marks: &[&str]| of_set.iter().filter(|row| marks.contains(&mark(row).as_str())).count().to_string();
+        let mark = |row: &ResultRow| {
+            if nothing_to_name(row) {
+                "right".to_owned()
+            } else {
+                row.mark.clone()
+            }
+        };
+        let count = |marks: &[&str]| {
+            of_set
+                .iter()
+                .filter(|row| marks.contains(&mark(row).as_str()))
+                .count()
+                .to_string()
+        };
         rows.push(vec![
             format!("`{set}`"),
             of_set.len().to_string(),
@@ -196,11 +286,28 @@ fn of_counts(sets: &[&str]) -> Result<String, String> {
 fn of_chapters() -> Result<String, String> {
     let rows = read("reproduce.csv")?;
     let (head, rows) = rows.split_first().ok_or("reproduce.csv is empty")?;
-    let met = head.iter().position(|name| name == "met").ok_or("reproduce.csv has no column met")?;
-    let on_reference = head.iter().position(|name| name == "met_on_reference").ok_or("reproduce.csv has no column met_on_reference")?;
+    let met = head
+        .iter()
+        .position(|name| name == "met")
+        .ok_or("reproduce.csv has no column met")?;
+    let on_reference = head
+        .iter()
+        .position(|name| name == "met_on_reference")
+        .ok_or("reproduce.csv has no column met_on_reference")?;
     let line = |name: &str, of: &[&Vec<String>]| {
-        let count = |at: usize, word: &str| of.iter().filter(|row| row.get(at).is_some_and(|m| m == word)).count().to_string();
-        vec![name.to_owned(), of.len().to_string(), count(met, "met"), count(met, "missed"), count(on_reference, "met")]
+        let count = |at: usize, word: &str| {
+            of.iter()
+                .filter(|row| row.get(at).is_some_and(|m| m == word))
+                .count()
+                .to_string()
+        };
+        vec![
+            name.to_owned(),
+            of.len().to_string(),
+            count(met, "met"),
+            count(met, "missed"),
+            count(on_reference, "met"),
+        ]
     };
     let subjects = [
         ("3", "3, stick-slip actuator"),
@@ -213,11 +320,27 @@ fn of_chapters() -> Result<String, String> {
         .iter()
         .map(|(chapter, subject)| {
             let prefix = format!("ch{chapter}.");
-            line(subject, &rows.iter().filter(|row| row[0].starts_with(&prefix)).collect::<Vec<_>>())
+            line(
+                subject,
+                &rows
+                    .iter()
+                    .filter(|row| row[0].starts_with(&prefix))
+                    .collect::<Vec<_>>(),
+            )
         })
         .collect();
     out.push(line("all", &rows.iter().collect::<Vec<_>>()));
-    Ok(markdown(&["chapter", "printed results", "met", "missed", "met on the reference bench"].map(String::from), &out))
+    Ok(markdown(
+        &[
+            "chapter",
+            "printed results",
+            "met",
+            "missed",
+            "met on the reference bench",
+        ]
+        .map(String::from),
+        &out,
+    ))
 }
 
 #[cfg(test)]
@@ -233,14 +356,28 @@ mod tests {
     fn what_is_outside_the_marks_stays() {
         let page = "before\n<!-- table: finder-counts no_such_set -->\nold\n<!-- end of table -->\nafter\n";
         let fresh = with_tables(Path::new("page.md"), page).unwrap();
-        assert!(fresh.starts_with("before\n<!-- table: ") && fresh.ends_with("<!-- end of table -->\nafter\n"), "{fresh}");
-        assert!(!fresh.contains("old") && fresh.contains("| `no_such_set` | 0 |"), "{fresh}");
+        assert!(
+            fresh.starts_with("before\n<!-- table: ")
+                && fresh.ends_with("<!-- end of table -->\nafter\n"),
+            "{fresh}"
+        );
+        assert!(
+            !fresh.contains("old") && fresh.contains("| `no_such_set` | 0 |"),
+            "{fresh}"
+        );
         assert_eq!(with_tables(Path::new("page.md"), &fresh).unwrap(), fresh);
     }
 
     #[test]
     fn an_unknown_table_is_an_error_with_the_page() {
-        let error = with_tables(Path::new("page.md"), "<!-- table: nonsense -->\n<!-- end of table -->").unwrap_err();
-        assert!(error.contains("page.md") && error.contains("nonsense"), "{error}");
+        let error = with_tables(
+            Path::new("page.md"),
+            "<!-- table: nonsense -->\n<!-- end of table -->",
+        )
+        .unwrap_err();
+        assert!(
+            error.contains("page.md") && error.contains("nonsense"),
+            "{error}"
+        );
     }
 }

@@ -36,7 +36,10 @@ pub fn build() -> Result<Vec<TestProgram>, String> {
         .output()
         .map_err(|error| format!("cargo cannot be started: {error}"))?;
     let messages = String::from_utf8_lossy(&output.stdout);
-    Ok(messages.lines().filter_map(|line| of_message(&serde_json::from_str(line).ok()?)).collect())
+    Ok(messages
+        .lines()
+        .filter_map(|line| of_message(&serde_json::from_str(line).ok()?))
+        .collect())
 }
 
 /// A line of `cargo --message-format=json`, if it names a program of tests.
@@ -46,7 +49,9 @@ fn of_message(message: &serde_json::Value) -> Option<TestProgram> {
         return None;
     }
     Some(TestProgram {
-        folder: Path::new(message.get("manifest_path")?.as_str()?).parent()?.to_path_buf(),
+        folder: Path::new(message.get("manifest_path")?.as_str()?)
+            .parent()?
+            .to_path_buf(),
         target: target.get("name")?.as_str()?.to_owned(),
         kind: target.get("kind")?.get(0)?.as_str()?.to_owned(),
         executable: message.get("executable")?.as_str()?.into(),
@@ -75,10 +80,22 @@ struct Tally {
 }
 
 /// Runs programs, all their tests, and prints the slowest.
-pub fn run(programs: &[&TestProgram], arguments: &[&str], variables: &[(&str, &str)]) -> Result<(), String> {
+pub fn run(
+    programs: &[&TestProgram],
+    arguments: &[&str],
+    variables: &[(&str, &str)],
+) -> Result<(), String> {
     let mut tally = Tally::default();
     for program in programs {
-        let name = format!("{} ({})", program.folder.strip_prefix(root()).unwrap_or(&program.folder).display(), program.target);
+        let name = format!(
+            "{} ({})",
+            program
+                .folder
+                .strip_prefix(root())
+                .unwrap_or(&program.folder)
+                .display(),
+            program.target
+        );
         println!("   {name}");
         // The time of each test is an unstable option of the test harness; no compiler sees this variable.
         let mut child = Command::new(&program.executable)
@@ -106,14 +123,22 @@ pub fn run(programs: &[&TestProgram], arguments: &[&str], variables: &[(&str, &s
         }
     }
     tally.print();
-    if tally.failed.is_empty() { Ok(()) } else { Err(format!("tests fail in {}", tally.failed.join(", "))) }
+    if tally.failed.is_empty() {
+        Ok(())
+    } else {
+        Err(format!("tests fail in {}", tally.failed.join(", ")))
+    }
 }
 
 impl Tally {
     /// Takes a line of the harness; whether it was one of a test that passed or was left out.
     fn count(&mut self, line: &str, target: &str) -> bool {
-        let Some(rest) = line.strip_prefix("test ") else { return false };
-        let Some((name, outcome)) = rest.split_once(" ... ") else { return false };
+        let Some(rest) = line.strip_prefix("test ") else {
+            return false;
+        };
+        let Some((name, outcome)) = rest.split_once(" ... ") else {
+            return false;
+        };
         if outcome.starts_with("ignored") {
             self.ignored += 1;
             return true;
@@ -123,8 +148,14 @@ impl Tally {
             return false;
         };
         self.passed += 1;
-        let seconds = time.trim().trim_start_matches('<').trim_end_matches('>').trim_end_matches('s').parse();
-        self.times.push((seconds.unwrap_or(0.0), format!("{target}: {name}")));
+        let seconds = time
+            .trim()
+            .trim_start_matches('<')
+            .trim_end_matches('>')
+            .trim_end_matches('s')
+            .parse();
+        self.times
+            .push((seconds.unwrap_or(0.0), format!("{target}: {name}")));
         true
     }
 
@@ -136,7 +167,11 @@ impl Tally {
         }
         println!(
             "test result: {}. {} passed; {} failed; {} ignored; 0 measured; 0 filtered out",
-            if self.failed.is_empty() { "ok" } else { "FAILED" },
+            if self.failed.is_empty() {
+                "ok"
+            } else {
+                "FAILED"
+            },
             self.passed,
             self.failed.len(),
             self.ignored
@@ -164,7 +199,10 @@ mod tests {
         let message = serde_json::json!({"manifest_path": "/x/core/Cargo.toml", "executable": "/t/core-1", "profile": {"test": true},
             "target": {"name": "hysteron_core", "kind": ["lib"]}});
         let program = of_message(&message).expect("a program");
-        assert_eq!((program.folder.as_path(), program.kind.as_str()), (Path::new("/x/core"), "lib"));
+        assert_eq!(
+            (program.folder.as_path(), program.kind.as_str()),
+            (Path::new("/x/core"), "lib")
+        );
         assert!(program.has_unit_tests());
         let mut plain = message;
         plain["profile"]["test"] = false.into();

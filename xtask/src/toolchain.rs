@@ -22,13 +22,19 @@ pub struct Target {
 pub const FIRMWARE: Target = Target {
     name: "thumbv7em-none-eabihf",
     standard_library: "build-std=core",
-    linker: ("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "/usr/bin/ld.lld-22"),
+    linker: (
+        "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER",
+        "/usr/bin/ld.lld-22",
+    ),
 };
 /// That of a browser.
 pub const WEB_ASSEMBLY: Target = Target {
     name: "wasm32-unknown-unknown",
     standard_library: "build-std=std,panic_abort",
-    linker: ("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER", "/usr/bin/wasm-ld-22"),
+    linker: (
+        "CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER",
+        "/usr/bin/wasm-ld-22",
+    ),
 };
 
 const PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld-22"];
@@ -43,7 +49,10 @@ pub enum Toolchain {
 
 /// The image that `cargo xtask firmware` builds.
 pub fn image() -> PathBuf {
-    root().join("firmware/target").join(FIRMWARE.name).join("release/hysteron-firmware")
+    root()
+        .join("firmware/target")
+        .join(FIRMWARE.name)
+        .join("release/hysteron-firmware")
 }
 
 /// What the NUCLEO-H743ZI2 runs before any image.
@@ -68,17 +77,24 @@ pub fn g474re_image() -> PathBuf {
 
 fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 fn rustup_has(target: &Target) -> bool {
-    output("rustup", &["target", "list", "--installed"]).is_some_and(|targets| targets.lines().any(|line| line.trim() == target.name))
+    output("rustup", &["target", "list", "--installed"])
+        .is_some_and(|targets| targets.lines().any(|line| line.trim() == target.name))
 }
 
 fn distribution_has_all() -> bool {
     Path::new("/usr/bin/cargo").exists()
-        && output("/usr/bin/rustc", &["--print", "sysroot"])
-            .is_some_and(|sysroot| Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core/src/lib.rs").exists())
+        && output("/usr/bin/rustc", &["--print", "sysroot"]).is_some_and(|sysroot| {
+            Path::new(sysroot.trim())
+                .join("lib/rustlib/src/rust/library/core/src/lib.rs")
+                .exists()
+        })
         && Path::new("/usr/bin/ld.lld-22").exists()
 }
 
@@ -94,11 +110,16 @@ pub fn for_target(target: &Target) -> Result<Toolchain, String> {
         return Ok(Toolchain::Distribution);
     }
     println!("   no compiler for {name} yet; trying `rustup target add {name}`");
-    let added = Command::new("rustup").args(["target", "add", name]).status();
+    let added = Command::new("rustup")
+        .args(["target", "add", name])
+        .status();
     if added.is_ok_and(|status| status.success()) && rustup_has(target) {
         return Ok(Toolchain::Rustup);
     }
-    println!("   rustup cannot download it here; trying the distribution's packages {}", PACKAGES.join(" "));
+    println!(
+        "   rustup cannot download it here; trying the distribution's packages {}",
+        PACKAGES.join(" ")
+    );
     if !debian::can_install() {
         return Err(format!(
             "no compiler for {name}. Either `rustup target add {name}` (needs the network), or as root on Debian `apt-get install {}`",
@@ -120,7 +141,13 @@ impl Toolchain {
     }
 
     /// The same with these variables.
-    pub fn build_with(&self, target: &Target, folder: &Path, selection: &[&str], variables: &[(&str, &str)]) -> Result<(), String> {
+    pub fn build_with(
+        &self,
+        target: &Target,
+        folder: &Path,
+        selection: &[&str],
+        variables: &[(&str, &str)],
+    ) -> Result<(), String> {
         self.cargo("build", target, folder, selection, variables)
     }
 
@@ -129,16 +156,38 @@ impl Toolchain {
         self.cargo("check", target, folder, selection, &[])
     }
 
-    fn cargo(&self, task: &str, target: &Target, folder: &Path, selection: &[&str], variables: &[(&str, &str)]) -> Result<(), String> {
+    fn cargo(
+        &self,
+        task: &str,
+        target: &Target,
+        folder: &Path,
+        selection: &[&str],
+        variables: &[(&str, &str)],
+    ) -> Result<(), String> {
         let mut arguments = vec![task, "--release", "--target", target.name];
         arguments.extend(selection);
         match self {
-            Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, variables),
+            Self::Rustup => command(
+                std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()),
+                &arguments,
+                folder,
+                variables,
+            ),
             Self::Distribution => {
                 arguments.extend(["-Z", target.standard_library]);
                 // Set by the cargo that runs this program; the other compiler must not see it.
-                let own = [("RUSTC", "/usr/bin/rustc"), ("RUSTC_BOOTSTRAP", "1"), ("RUSTUP_TOOLCHAIN", ""), target.linker];
-                command("/usr/bin/cargo", &arguments, folder, &[&own, variables].concat())
+                let own = [
+                    ("RUSTC", "/usr/bin/rustc"),
+                    ("RUSTC_BOOTSTRAP", "1"),
+                    ("RUSTUP_TOOLCHAIN", ""),
+                    target.linker,
+                ];
+                command(
+                    "/usr/bin/cargo",
+                    &arguments,
+                    folder,
+                    &[&own, variables].concat(),
+                )
             }
         }
     }

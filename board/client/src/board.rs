@@ -62,20 +62,41 @@ impl Board {
     /// # Errors
     /// The port cannot be opened, nobody answers, or somebody else does.
     pub fn connect(address: &Address, baud: Option<u32>) -> Result<Self> {
-        let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), patience: PATIENCE, identification: String::new() };
+        let mut this = Self {
+            port: Port::open(address)?,
+            incoming: VecDeque::new(),
+            patience: PATIENCE,
+            identification: String::new(),
+        };
         // A program that ended in the middle may have left the board at another speed.
         let speeds = [USUAL_BAUD, baud.unwrap_or(USUAL_BAUD)];
-        let times = if matches!(address, Address::Tcp(_)) { GREETINGS_OF_A_SOCKET } else { GREETINGS_OF_A_PORT };
+        let times = if matches!(address, Address::Tcp(_)) {
+            GREETINGS_OF_A_SOCKET
+        } else {
+            GREETINGS_OF_A_PORT
+        };
         let mut met = this.meet_at(speeds[0], times);
         if met.is_err() && speeds[1] != speeds[0] {
             met = this.meet_at(speeds[1], times);
         }
         if let Err(problem) = met {
             let hint = "is it powered, and does no other program hold the port?";
-            return Err(Error::new(address, format!("no board answers `*IDN?`, the other side {}; {hint}", problem.message())));
+            return Err(Error::new(
+                address,
+                format!(
+                    "no board answers `*IDN?`, the other side {}; {hint}",
+                    problem.message()
+                ),
+            ));
         }
         if !this.identification.contains("HYSTERON") {
-            return Err(Error::new(address, format!("`{}` answers, which is no board of this project", this.identification)));
+            return Err(Error::new(
+                address,
+                format!(
+                    "`{}` answers, which is no board of this project",
+                    this.identification
+                ),
+            ));
         }
         if let Some(baud) = baud {
             this.change_baud(baud)?;
@@ -113,7 +134,9 @@ impl Board {
                     self.identification = answer.trim().to_string();
                     // Answers to greetings before this one.
                     self.forget_what_comes()?;
-                    return self.ask_until("ERR?", |answer| answer.trim().parse::<i64>().is_ok()).map(|_| ());
+                    return self
+                        .ask_until("ERR?", |answer| answer.trim().parse::<i64>().is_ok())
+                        .map(|_| ());
                 }
                 Ok(other) => last = Error::new("board", format!("answers `{}`", other.trim())),
                 Err(problem) => last = problem,
@@ -130,7 +153,10 @@ impl Board {
             match self.port.receive()?.len() {
                 0 => return Ok(()),
                 count if forgotten + count > MOST_GREETING_BYTES => {
-                    return Err(Error::new("board", format!("sends {forgotten} bytes that nobody asked for")));
+                    return Err(Error::new(
+                        "board",
+                        format!("sends {forgotten} bytes that nobody asked for"),
+                    ));
                 }
                 count => forgotten += count,
             }
@@ -142,7 +168,8 @@ impl Board {
         // The board changes when what it was sending has gone.
         std::thread::sleep(BETWEEN_QUESTIONS);
         self.port.set_baud(baud)?;
-        self.greet(GREETINGS).map_err(|_| Error::new("board", format!("does not answer at {baud} bit/s")))
+        self.greet(GREETINGS)
+            .map_err(|_| Error::new("board", format!("does not answer at {baud} bit/s")))
     }
 
     /// After a restart, at the speed of `baud` again.
@@ -156,7 +183,9 @@ impl Board {
             for speed in [Some(USUAL_BAUD), kept].into_iter().flatten() {
                 self.port.set_baud(speed)?;
                 if self.greet(1).is_ok() {
-                    return baud.filter(|baud| *baud != speed).map_or(Ok(()), |baud| self.change_baud(baud));
+                    return baud
+                        .filter(|baud| *baud != speed)
+                        .map_or(Ok(()), |baud| self.change_baud(baud));
                 }
             }
         }
@@ -189,9 +218,12 @@ impl Board {
             if let Some(end) = self.incoming.iter().position(|byte| *byte == b'\n') {
                 return Ok(self.incoming.drain(..=end).collect());
             }
-            if self.incoming.len() > MOST_LINE_BYTES || begun.elapsed() > LINE_PATIENCES * patience {
-                let problem =
-                    format!("sends {} bytes without the end of a line: no board does, or its line is garbled", self.incoming.len());
+            if self.incoming.len() > MOST_LINE_BYTES || begun.elapsed() > LINE_PATIENCES * patience
+            {
+                let problem = format!(
+                    "sends {} bytes without the end of a line: no board does, or its line is garbled",
+                    self.incoming.len()
+                );
                 self.incoming.clear();
                 return Err(Error::new("board", problem));
             }
@@ -200,7 +232,10 @@ impl Board {
                 heard = Instant::now();
                 self.incoming.extend(bytes);
             } else if heard.elapsed() > patience {
-                return Err(Error::new("board", format!("has sent nothing for {} s", patience.as_secs())));
+                return Err(Error::new(
+                    "board",
+                    format!("has sent nothing for {} s", patience.as_secs()),
+                ));
             }
         }
     }
@@ -217,7 +252,10 @@ impl Board {
                 return Ok(answer);
             }
             if answer.len() > most_bytes {
-                return Err(Error::new("board", format!("answers more than {most_bytes} bytes: no board does")));
+                return Err(Error::new(
+                    "board",
+                    format!("answers more than {most_bytes} bytes: no board does"),
+                ));
             }
         }
     }
@@ -228,7 +266,8 @@ impl Board {
     /// The board does not answer.
     pub fn ask(&mut self, question: &str) -> Result<String> {
         self.port.send(format!("{question}\n").as_bytes())?;
-        self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))
+        self.answer_within(self.patience, MOST_ANSWER_BYTES)
+            .map_err(|problem| Error::new(question, problem.message()))
     }
 
     /// Asks, and passes over answers to earlier questions: a board that was restarting answers greetings late,
@@ -236,15 +275,24 @@ impl Board {
     ///
     /// # Errors
     /// The board does not answer, or not so.
-    pub(crate) fn ask_until(&mut self, question: &str, is_answer: impl Fn(&str) -> bool) -> Result<String> {
+    pub(crate) fn ask_until(
+        &mut self,
+        question: &str,
+        is_answer: impl Fn(&str) -> bool,
+    ) -> Result<String> {
         let mut answer = self.ask(question)?;
         for _ in 0..2 * GREETINGS {
             if is_answer(&answer) {
                 return Ok(answer);
             }
-            answer = self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))?;
+            answer = self
+                .answer_within(self.patience, MOST_ANSWER_BYTES)
+                .map_err(|problem| Error::new(question, problem.message()))?;
         }
-        Err(Error::new(question, format!("the board answers `{}`", answer.trim())))
+        Err(Error::new(
+            question,
+            format!("the board answers `{}`", answer.trim()),
+        ))
     }
 
     /// The values behind `=` in the lines of an answer, or the lines themselves where no line has one.
@@ -253,9 +301,18 @@ impl Board {
     /// The board does not answer, or with something else.
     pub fn numbers(&mut self, question: &str) -> Result<Vec<f64>> {
         let answer = self.ask(question)?;
-        let number = |line: &str| line.rsplit('=').next().and_then(|word| word.trim().parse().ok());
+        let number = |line: &str| {
+            line.rsplit('=')
+                .next()
+                .and_then(|word| word.trim().parse().ok())
+        };
         let numbers: Option<Vec<f64>> = answer.lines().map(number).collect();
-        numbers.ok_or_else(|| Error::new(question, format!("the board answers `{}`; expected numbers", answer.trim())))
+        numbers.ok_or_else(|| {
+            Error::new(
+                question,
+                format!("the board answers `{}`; expected numbers", answer.trim()),
+            )
+        })
     }
 
     /// The one value of an answer.
@@ -263,7 +320,10 @@ impl Board {
     /// # Errors
     /// As [`Board::numbers`].
     pub fn number(&mut self, question: &str) -> Result<f64> {
-        self.numbers(question)?.first().copied().ok_or_else(|| Error::new(question, "the board answers nothing"))
+        self.numbers(question)?
+            .first()
+            .copied()
+            .ok_or_else(|| Error::new(question, "the board answers nothing"))
     }
 
     /// Gives a command and sees that the board took it.
@@ -295,10 +355,19 @@ impl Board {
             let first = now.first().map_or("", AsRef::as_ref);
             text.push_str("ERR?\n");
             self.port.send(text.as_bytes())?;
-            let answer = self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(first, problem.message()))?;
-            let code: u32 = answer.trim().parse().map_err(|_| Error::new(first, format!("the board answers `{}`", answer.trim())))?;
+            let answer = self
+                .answer_within(self.patience, MOST_ANSWER_BYTES)
+                .map_err(|problem| Error::new(first, problem.message()))?;
+            let code: u32 = answer
+                .trim()
+                .parse()
+                .map_err(|_| Error::new(first, format!("the board answers `{}`", answer.trim())))?;
             if code != 0 {
-                let place = if now.len() == 1 { first.to_string() } else { format!("{first} .. ({} commands)", now.len()) };
+                let place = if now.len() == 1 {
+                    first.to_string()
+                } else {
+                    format!("{first} .. ({} commands)", now.len())
+                };
                 return Err(Error::new(place, meaning(code)));
             }
             rest = later;
@@ -310,7 +379,11 @@ impl Board {
     ///
     /// # Errors
     /// The board does not answer, or `until` refuses an answer for good.
-    pub fn wait(&mut self, question: &str, mut until: impl FnMut(&str) -> Result<bool>) -> Result<()> {
+    pub fn wait(
+        &mut self,
+        question: &str,
+        mut until: impl FnMut(&str) -> Result<bool>,
+    ) -> Result<()> {
         while !until(self.ask(question)?.trim())? {
             std::thread::sleep(BETWEEN_QUESTIONS);
         }
@@ -331,7 +404,10 @@ impl Board {
             return Ok(());
         }
         let found = fault_name(self.number("DIA? 2")?);
-        Err(Error::new("ARM", format!("the self-test ended with `{found}`. {}", what_to_do(found))))
+        Err(Error::new(
+            "ARM",
+            format!("the self-test ended with `{found}`. {}", what_to_do(found)),
+        ))
     }
 
     /// Conditions the actuator and zeroes the sensor, behind the self-test where the amplifier is not armed
@@ -345,8 +421,21 @@ impl Board {
         self.wait("DIA? 1", |mode| Ok(mode == "1=0" || mode == "1=3"))?;
         if self.number("DIA? 1")? == 3.0 {
             let found = fault_name(self.number("DIA? 2")?);
-            return Err(Error::new("ATZ", format!("the conditioning ended with `{found}`. {}", what_to_do(found))));
+            return Err(Error::new(
+                "ATZ",
+                format!(
+                    "the conditioning ended with `{found}`. {}",
+                    what_to_do(found)
+                ),
+            ));
         }
-        if self.number("ATZ? 1")? == 1.0 { Ok(()) } else { Err(Error::new("ATZ", "was stopped before the sensor was zeroed")) }
+        if self.number("ATZ? 1")? == 1.0 {
+            Ok(())
+        } else {
+            Err(Error::new(
+                "ATZ",
+                "was stopped before the sensor was zeroed",
+            ))
+        }
     }
 }

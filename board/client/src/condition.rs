@@ -15,31 +15,56 @@ pub fn fault_name(number: f64) -> &'static str {
 /// What an operator does about a fault, by its name.
 #[must_use]
 pub fn what_to_do(fault: &str) -> &'static str {
-    let found = Fault::ALL.iter().find(|(_, name)| *name == fault).map(|(fault, _)| *fault);
+    let found = Fault::ALL
+        .iter()
+        .find(|(_, name)| *name == fault)
+        .map(|(fault, _)| *fault);
     match found {
-        Some(Fault::SensorSilent) => "The sensor's converter does not answer: look at its supply and cable, then clear (INI).",
-        Some(Fault::SensorOutOfRange) => "The sensor is at its end or its cable is open: look at both, then clear (INI).",
-        Some(Fault::SensorStuck) => "The sensor gives the same value again and again: look at its supply and cable, then clear (INI).",
-        Some(Fault::SensorJump) => "The sensor jumped further than the stage can: look for a loose contact, then clear (INI).",
+        Some(Fault::SensorSilent) => {
+            "The sensor's converter does not answer: look at its supply and cable, then clear (INI)."
+        }
+        Some(Fault::SensorOutOfRange) => {
+            "The sensor is at its end or its cable is open: look at both, then clear (INI)."
+        }
+        Some(Fault::SensorStuck) => {
+            "The sensor gives the same value again and again: look at its supply and cable, then clear (INI)."
+        }
+        Some(Fault::SensorJump) => {
+            "The sensor jumped further than the stage can: look for a loose contact, then clear (INI)."
+        }
         Some(Fault::TrackingError) => {
             "The stage did not follow its reference: is it blocked, its amplifier off, the reference too fast? Then clear (INI)."
         }
         Some(Fault::DriveSlew) => {
             "The servo asked for faster drives than the amplifier gives: a slower reference, or a new design; then clear (INI)."
         }
-        Some(Fault::Overrun) => "A control tick came late, which must not be: clear (INI), and report it if it comes again.",
+        Some(Fault::Overrun) => {
+            "A control tick came late, which must not be: clear (INI), and report it if it comes again."
+        }
         Some(Fault::ParameterBlock) => {
             "No valid parameter block is in the flash: `hysteron board upload` or `hysteron board tune` brings one."
         }
-        Some(Fault::Watchdog) => "The program had stopped and was restarted: clear (INI), and report it if it comes again.",
+        Some(Fault::Watchdog) => {
+            "The program had stopped and was restarted: clear (INI), and report it if it comes again."
+        }
         Some(Fault::BrownOut) => "The supply had failed: look at it, then clear (INI).",
-        Some(Fault::HardFault) => "The processor had stopped on an error and was restarted: clear (INI), and report it.",
-        Some(Fault::ClockLost) => "The board's crystal had stopped: clear (INI); if it comes again the board needs repair.",
+        Some(Fault::HardFault) => {
+            "The processor had stopped on an error and was restarted: clear (INI), and report it."
+        }
+        Some(Fault::ClockLost) => {
+            "The board's crystal had stopped: clear (INI); if it comes again the board needs repair."
+        }
         Some(Fault::EmergencyStop) => "The emergency stop is open: close it, then clear (INI).",
         Some(Fault::Interlock) => "The interlock is open: close it, then clear (INI).",
-        Some(Fault::AmplifierNotReady) => "The amplifier says that it is not ready: look at it, then clear (INI).",
-        Some(Fault::HostLost) => "No line came for as long as the host had allowed: clear (INI), condition (ATZ), and go on.",
-        Some(Fault::SupplyLow) => "The board's supply had fallen below 2.8 V: look at it, then clear (INI).",
+        Some(Fault::AmplifierNotReady) => {
+            "The amplifier says that it is not ready: look at it, then clear (INI)."
+        }
+        Some(Fault::HostLost) => {
+            "No line came for as long as the host had allowed: clear (INI), condition (ATZ), and go on."
+        }
+        Some(Fault::SupplyLow) => {
+            "The board's supply had fallen below 2.8 V: look at it, then clear (INI)."
+        }
         Some(Fault::DriveSilent) => {
             "The drive's converter does not take its code: look at its supply, its cable and its references, then clear (INI) and arm (ARM 1 1)."
         }
@@ -58,12 +83,18 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::SensorNoisy) => {
             "The sensor has more noise than the motion that the self-test looks for: look at its cable and shield, then clear (INI)."
         }
-        Some(Fault::RangeNotReached) => "The conditioning did not reach both ends of the drive: clear (INI), and report it.",
+        Some(Fault::RangeNotReached) => {
+            "The conditioning did not reach both ends of the drive: clear (INI), and report it."
+        }
         Some(Fault::DriveCurrent) => {
             "The drive asked for more current than the envelope allows: a slower or smaller wave, then clear (INI)."
         }
-        Some(Fault::BeyondEnvelope) => "A drive left the board's safety envelope and was held at its end: clear (INI), and report it.",
-        Some(Fault::NoEnvelope) => "The board has no safety envelope and drives nothing: `hysteron board envelope FILE` brings one.",
+        Some(Fault::BeyondEnvelope) => {
+            "A drive left the board's safety envelope and was held at its end: clear (INI), and report it."
+        }
+        Some(Fault::NoEnvelope) => {
+            "The board has no safety envelope and drives nothing: `hysteron board envelope FILE` brings one."
+        }
         Some(Fault::OutputDiffers) => {
             "The amplifier's output is not the drive that was written: look at its gain, its supply, its cable and which block is in use, then clear (INI) and arm (ARM 1 1)."
         }
@@ -112,7 +143,11 @@ impl Condition {
             return Err(Error::new("DIA?", "the board answers too few numbers"));
         };
         let help = board.ask("HDI?")?;
-        let names = help.lines().skip(3).filter_map(|line| line.split_once('=')).map(|(_, name)| name.to_string());
+        let names = help
+            .lines()
+            .skip(3)
+            .filter_map(|line| line.split_once('='))
+            .map(|(_, name)| name.to_string());
         let stage = board.ask("CST? 1")?;
         Ok(Self {
             stage: stage.trim().trim_start_matches("1=").to_string(),
@@ -129,6 +164,8 @@ impl Condition {
     /// Without a valid parameter block, or without a safety envelope, nothing moves.
     #[must_use]
     pub fn without_block(&self) -> bool {
-        [Fault::ParameterBlock, Fault::NoEnvelope].iter().any(|fault| self.fault == Some(fault.name()))
+        [Fault::ParameterBlock, Fault::NoEnvelope]
+            .iter()
+            .any(|fault| self.fault == Some(fault.name()))
     }
 }

@@ -15,7 +15,10 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// At a place, with a message.
     pub fn new(place: impl fmt::Display, message: impl fmt::Display) -> Self {
-        Self { place: place.to_string(), message: message.to_string() }
+        Self {
+            place: place.to_string(),
+            message: message.to_string(),
+        }
     }
 
     /// The port or the command.
@@ -45,7 +48,9 @@ pub fn meaning(code: u32) -> String {
     let words = match code {
         1 | 17 | 24 | 26 => "the board does not take these values",
         2 => "the board does not know this command: its image is older than this program",
-        5 => "only with the servo on, which wants a conditioning since the start or the last fault (ATZ 1)",
+        5 => {
+            "only with the servo on, which wants a conditioning since the start or the last fault (ATZ 1)"
+        }
         7 | 302 | 405 => "beyond the limits of the block in use",
         10 => "stopped",
         76 => "too many commands wait",

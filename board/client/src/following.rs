@@ -5,7 +5,8 @@ use crate::board::Board;
 use crate::error::{Error, Result};
 
 /// The parameters of a question, as `hysteron_protocol::parameters` numbers them.
-const QUESTION: &str = "SPA? 1 0x7F000007 1 0x7F000008 1 0x7F000010 1 0x7F000011 1 0x7F000012 1 0x7F000013";
+const QUESTION: &str =
+    "SPA? 1 0x7F000007 1 0x7F000008 1 0x7F000010 1 0x7F000011 1 0x7F000012 1 0x7F000013";
 /// How many numbers of `DIA?` come before the seconds that were measured; and the last of them is the alarm.
 const COUNTS: usize = 12;
 const ALARMS: usize = 14;
@@ -41,10 +42,26 @@ impl Following {
             _ => return Ok(None),
         };
         let numbers = board.numbers(QUESTION)?;
-        let [resonance_hz, alarm_nm, error_rms_nm, error_peak_nm, drive_rms_v, amplitude_nm] = numbers[..] else {
+        let [
+            resonance_hz,
+            alarm_nm,
+            error_rms_nm,
+            error_peak_nm,
+            drive_rms_v,
+            amplitude_nm,
+        ] = numbers[..]
+        else {
             return Err(Error::new("SPA?", "the board answers something else"));
         };
-        Ok(Some(Self { resonance_hz, alarm_nm, error_rms_nm, error_peak_nm, drive_rms_v, amplitude_nm, alarm }))
+        Ok(Some(Self {
+            resonance_hz,
+            alarm_nm,
+            error_rms_nm,
+            error_peak_nm,
+            drive_rms_v,
+            amplitude_nm,
+            alarm,
+        }))
     }
 
     /// In a line or two.
@@ -59,12 +76,21 @@ impl Following {
         if self.resonance_hz > 0.0 {
             let beside = match (self.alarm, self.alarm_nm > 0.0) {
                 // An event lasts down to three quarters of the alarm.
-                (true, _) if self.amplitude_nm > self.alarm_nm => format!(", above the alarm of {} nm", nanometres(self.alarm_nm)),
-                (true, _) => format!(", was above the alarm of {} nm and is not far below it", nanometres(self.alarm_nm)),
+                (true, _) if self.amplitude_nm > self.alarm_nm => {
+                    format!(", above the alarm of {} nm", nanometres(self.alarm_nm))
+                }
+                (true, _) => format!(
+                    ", was above the alarm of {} nm and is not far below it",
+                    nanometres(self.alarm_nm)
+                ),
                 (false, true) => format!(", alarm {} nm", nanometres(self.alarm_nm)),
                 (false, false) => String::new(),
             };
-            lines.push(format!("amplitude at {:.0} Hz is {} nm{beside}", self.resonance_hz, nanometres(self.amplitude_nm)));
+            lines.push(format!(
+                "amplitude at {:.0} Hz is {} nm{beside}",
+                self.resonance_hz,
+                nanometres(self.amplitude_nm)
+            ));
         }
         lines
     }
@@ -106,11 +132,40 @@ mod tests {
                 "amplitude at 735 Hz is 0.041 nm, alarm 20 nm"
             ]
         );
-        let rings = Following { amplitude_nm: 41.0, alarm: true, ..quiet };
-        assert_eq!(rings.words()[1], "amplitude at 735 Hz is 41 nm, above the alarm of 20 nm");
-        let after = Following { amplitude_nm: 17.0, alarm: true, ..quiet };
-        assert_eq!(after.words()[1], "amplitude at 735 Hz is 17 nm, was above the alarm of 20 nm and is not far below it");
-        assert_eq!(Following { resonance_hz: 0.0, ..quiet }.words().len(), 1);
-        assert_eq!(Following { alarm_nm: 0.0, ..quiet }.words()[1], "amplitude at 735 Hz is 0.041 nm");
+        let rings = Following {
+            amplitude_nm: 41.0,
+            alarm: true,
+            ..quiet
+        };
+        assert_eq!(
+            rings.words()[1],
+            "amplitude at 735 Hz is 41 nm, above the alarm of 20 nm"
+        );
+        let after = Following {
+            amplitude_nm: 17.0,
+            alarm: true,
+            ..quiet
+        };
+        assert_eq!(
+            after.words()[1],
+            "amplitude at 735 Hz is 17 nm, was above the alarm of 20 nm and is not far below it"
+        );
+        assert_eq!(
+            Following {
+                resonance_hz: 0.0,
+                ..quiet
+            }
+            .words()
+            .len(),
+            1
+        );
+        assert_eq!(
+            Following {
+                alarm_nm: 0.0,
+                ..quiet
+            }
+            .words()[1],
+            "amplitude at 735 Hz is 0.041 nm"
+        );
     }
 }

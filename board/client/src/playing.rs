@@ -82,11 +82,15 @@ pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
     let open = recorded.drive_v.len() == samples && board.number("SVO? 1")? == 0.0;
     let step_v = scale.drive_step_v();
     let points = wave.points.iter().cycle();
-    if let Some((drive_v, point)) =
-        recorded.drive_v.iter().zip(points).find(|(drive_v, point)| open && (**drive_v - **point).abs() > 1.5 * step_v)
+    if let Some((drive_v, point)) = recorded
+        .drive_v
+        .iter()
+        .zip(points)
+        .find(|(drive_v, point)| open && (**drive_v - **point).abs() > 1.5 * step_v)
     {
-        let problem =
-            format!("the drive was {drive_v:.3} V where {point:.3} V were to be held: the slew limit of the block is too low for it");
+        let problem = format!(
+            "the drive was {drive_v:.3} V where {point:.3} V were to be held: the slew limit of the block is too low for it"
+        );
         return Err(Error::new("wave", problem));
     }
     Ok(recorded)
@@ -96,7 +100,12 @@ pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
 ///
 /// # Errors
 /// More than there is room for; or the recorder was stopped.
-pub fn listen(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize) -> Result<Recorded> {
+pub fn listen(
+    board: &mut Board,
+    scale: &Scale,
+    ticks_per_sample: u32,
+    samples: usize,
+) -> Result<Recorded> {
     listen_with(board, scale, ticks_per_sample, samples, &mut |_| Ok(()))
 }
 
@@ -104,17 +113,39 @@ pub fn listen(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: 
 ///
 /// # Errors
 /// As [`listen`], or what `between` ends it with.
-pub fn listen_with(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Recorded> {
+pub fn listen_with(
+    board: &mut Board,
+    scale: &Scale,
+    ticks_per_sample: u32,
+    samples: usize,
+    between: Between,
+) -> Result<Recorded> {
     if samples == 0 || samples > scale.most_samples {
-        return Err(Error::new("recording", format!("{samples} samples; this board has room for 1 to {}", scale.most_samples)));
+        return Err(Error::new(
+            "recording",
+            format!(
+                "{samples} samples; this board has room for 1 to {}",
+                scale.most_samples
+            ),
+        ));
     }
-    board.tell_all(&[format!("RTR {ticks_per_sample}"), "DRT 0 4 0".to_string(), "DRT 0 0 0".to_string()])?;
+    board.tell_all(&[
+        format!("RTR {ticks_per_sample}"),
+        "DRT 0 4 0".to_string(),
+        "DRT 0 0 0".to_string(),
+    ])?;
     read(board, scale, ticks_per_sample, samples, between)
 }
 
 fn fault_of(board: &mut Board) -> Result<()> {
     if board.number("DIA? 1")? == 3.0 {
-        return Err(Error::new("board", format!("a fault has ended it: {}", crate::condition::fault_name(board.number("DIA? 2")?))));
+        return Err(Error::new(
+            "board",
+            format!(
+                "a fault has ended it: {}",
+                crate::condition::fault_name(board.number("DIA? 2")?)
+            ),
+        ));
     }
     Ok(())
 }
@@ -125,15 +156,32 @@ fn lines_of(points: &[f64]) -> Vec<String> {
         .map(|(nth, bunch)| {
             let values: Vec<String> = bunch.iter().map(|point| format!("{point:.6}")).collect();
             let place = if nth == 0 { "X" } else { "&" };
-            format!("WAV 1 {place} PNT {} {} {}", nth * POINTS_IN_LINE + 1, bunch.len(), values.join(" "))
+            format!(
+                "WAV 1 {place} PNT {} {} {}",
+                nth * POINTS_IN_LINE + 1,
+                bunch.len(),
+                values.join(" ")
+            )
         })
         .collect()
 }
 
 /// Waits for the samples and reads them.
-fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Recorded> {
+fn read(
+    board: &mut Board,
+    scale: &Scale,
+    ticks_per_sample: u32,
+    samples: usize,
+    between: Between,
+) -> Result<Recorded> {
     // An answer that the line garbled is asked for again.
-    while board.ask("DRL? 1")?.trim().strip_prefix("1=").and_then(|count| count.parse().ok()).is_none_or(|count: usize| count < samples) {
+    while board
+        .ask("DRL? 1")?
+        .trim()
+        .strip_prefix("1=")
+        .and_then(|count| count.parse().ok())
+        .is_none_or(|count: usize| count < samples)
+    {
         between(board)?;
         std::thread::sleep(BETWEEN_QUESTIONS);
     }
@@ -142,11 +190,15 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize,
     while codes.len() < samples {
         let count = (samples - codes.len()).min(LINES_AT_ONCE * SAMPLES_IN_LINE as usize);
         let answer = board.ask(&format!("DRB? {} {count}", codes.len() + 1))?;
-        let whole: Vec<(SensorCode, DriveCode)> = answer.lines().map_while(codes_of).flatten().collect();
+        let whole: Vec<(SensorCode, DriveCode)> =
+            answer.lines().map_while(codes_of).flatten().collect();
         if whole.len() < count {
             repeats += 1;
             if repeats > MOST_REPEATS {
-                return Err(Error::new("DRB?", "the line garbles what the board sends; try a lower speed"));
+                return Err(Error::new(
+                    "DRB?",
+                    "the line garbles what the board sends; try a lower speed",
+                ));
             }
         }
         codes.extend(whole);
@@ -157,7 +209,10 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize,
     let mut recorded = Recorded {
         sample_rate_hz: scale.sample_rate_hz / f64::from(ticks_per_sample.max(1)),
         drive_v: codes.iter().map(|(_, dac)| scale.drive_v(*dac)).collect(),
-        position_um: sensor_codes.iter().map(|code| scale.position_um(*code)).collect(),
+        position_um: sensor_codes
+            .iter()
+            .map(|code| scale.position_um(*code))
+            .collect(),
         sensor_codes,
     };
     if ticks_per_sample == 1 {
@@ -176,7 +231,10 @@ fn codes_of(line: &str) -> Option<Vec<(SensorCode, DriveCode)>> {
     if crc32(samples) != u32::from_le_bytes(*checksum) {
         return None;
     }
-    samples.chunks(CODE_BYTES).map(|five| five.try_into().ok().map(trace_frame::codes_of)).collect()
+    samples
+        .chunks(CODE_BYTES)
+        .map(|five| five.try_into().ok().map(trace_frame::codes_of))
+        .collect()
 }
 
 #[cfg(test)]
@@ -196,22 +254,40 @@ mod tests {
             let mut piece = hysteron_protocol::session::Piece::new();
             write_line(samples.clone().take(count), &mut piece).expect("room");
             let text = String::from_utf8(piece.to_vec()).expect("text");
-            let expected: Vec<(SensorCode, DriveCode)> = samples.clone().take(count).map(|s| (s.adc_code, s.dac_code)).collect();
+            let expected: Vec<(SensorCode, DriveCode)> = samples
+                .clone()
+                .take(count)
+                .map(|s| (s.adc_code, s.dac_code))
+                .collect();
             assert_eq!(codes_of(&text), Some(expected));
             for at in 0..text.len() {
                 let mut garbled = text.clone().into_bytes();
                 garbled[at] = if garbled[at] == b'A' { b'B' } else { b'A' };
-                assert_eq!(codes_of(&String::from_utf8(garbled).expect("text")), None, "{at}");
+                assert_eq!(
+                    codes_of(&String::from_utf8(garbled).expect("text")),
+                    None,
+                    "{at}"
+                );
             }
         }
     }
 
     #[test]
     fn points_go_in_lines_that_the_board_takes() {
-        let points: Vec<f64> = (0..100).map(|nth| -511.123_456_7 + f64::from(nth)).collect();
+        let points: Vec<f64> = (0..100)
+            .map(|nth| -511.123_456_7 + f64::from(nth))
+            .collect();
         let lines = lines_of(&points);
         assert_eq!(lines.len(), 4);
-        assert!(lines[0].starts_with("WAV 1 X PNT 1 32 -511.123457 ") && lines[3].starts_with("WAV 1 & PNT 97 4 "), "{lines:?}");
-        assert!(lines.iter().all(|line| line.len() < hysteron_protocol::LINE_BYTES));
+        assert!(
+            lines[0].starts_with("WAV 1 X PNT 1 32 -511.123457 ")
+                && lines[3].starts_with("WAV 1 & PNT 97 4 "),
+            "{lines:?}"
+        );
+        assert!(
+            lines
+                .iter()
+                .all(|line| line.len() < hysteron_protocol::LINE_BYTES)
+        );
     }
 }

@@ -27,8 +27,17 @@ impl Address {
     /// # Errors
     /// They are not `HOST:PORT`.
     pub fn tcp(name: &str) -> Result<Self> {
-        let is_socket = name.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
-        if is_socket { Ok(Self::Tcp(name.into())) } else { Err(Error::new(name, "is no address; expected HOST:PORT, as 127.0.0.1:50000")) }
+        let is_socket = name
+            .rsplit_once(':')
+            .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+        if is_socket {
+            Ok(Self::Tcp(name.into()))
+        } else {
+            Err(Error::new(
+                name,
+                "is no address; expected HOST:PORT, as 127.0.0.1:50000",
+            ))
+        }
     }
 }
 
@@ -57,15 +66,29 @@ impl Port {
         match address {
             Address::Serial(name) => {
                 let port = serialport::new(name, USUAL_BAUD).timeout(WAIT).open();
-                port.map(Self::Serial).map_err(|problem| Error::new(name, format!("cannot be opened as a serial port: {problem}")))
+                port.map(Self::Serial).map_err(|problem| {
+                    Error::new(
+                        name,
+                        format!("cannot be opened as a serial port: {problem}"),
+                    )
+                })
             }
             Address::Tcp(name) => {
-                let no_address = |problem: std::io::Error| Error::new(name, format!("is no address HOST:PORT: {problem}"));
+                let no_address = |problem: std::io::Error| {
+                    Error::new(name, format!("is no address HOST:PORT: {problem}"))
+                };
                 let mut addresses = name.to_socket_addrs().map_err(no_address)?;
-                let address = addresses.next().ok_or_else(|| Error::new(name, "is no address HOST:PORT"))?;
-                let refused = |problem: std::io::Error| Error::new(name, format!("nobody answers there: {problem}"));
-                let stream = TcpStream::connect_timeout(&address, Duration::from_secs(10)).map_err(refused)?;
-                let prepared = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(WAIT)));
+                let address = addresses
+                    .next()
+                    .ok_or_else(|| Error::new(name, "is no address HOST:PORT"))?;
+                let refused = |problem: std::io::Error| {
+                    Error::new(name, format!("nobody answers there: {problem}"))
+                };
+                let stream = TcpStream::connect_timeout(&address, Duration::from_secs(10))
+                    .map_err(refused)?;
+                let prepared = stream
+                    .set_nodelay(true)
+                    .and_then(|()| stream.set_read_timeout(Some(WAIT)));
                 prepared.map(|()| Self::Tcp(stream)).map_err(refused)
             }
         }
@@ -77,7 +100,9 @@ impl Port {
     /// The port does not have this speed.
     pub fn set_baud(&mut self, baud: u32) -> Result<()> {
         match self {
-            Self::Serial(port) => port.set_baud_rate(baud).map_err(|problem| Error::new("serial port", format!("{baud} bit/s: {problem}"))),
+            Self::Serial(port) => port
+                .set_baud_rate(baud)
+                .map_err(|problem| Error::new("serial port", format!("{baud} bit/s: {problem}"))),
             Self::Tcp(_) => Ok(()),
         }
     }
@@ -99,10 +124,18 @@ impl Port {
     /// # Errors
     /// The system gives none.
     pub fn second(&self) -> Result<Self> {
-        let failed = |problem: &dyn fmt::Display| Error::new("board", format!("no second handle of its port: {problem}"));
+        let failed = |problem: &dyn fmt::Display| {
+            Error::new("board", format!("no second handle of its port: {problem}"))
+        };
         match self {
-            Self::Serial(port) => port.try_clone().map(Self::Serial).map_err(|problem| failed(&problem)),
-            Self::Tcp(stream) => stream.try_clone().map(Self::Tcp).map_err(|problem| failed(&problem)),
+            Self::Serial(port) => port
+                .try_clone()
+                .map(Self::Serial)
+                .map_err(|problem| failed(&problem)),
+            Self::Tcp(stream) => stream
+                .try_clone()
+                .map(Self::Tcp)
+                .map_err(|problem| failed(&problem)),
         }
     }
 
@@ -117,15 +150,25 @@ impl Port {
             Self::Tcp(stream) => stream.read(&mut bytes),
         };
         match received {
-            Ok(0) if matches!(self, Self::Tcp(_)) => Err(Error::new("board", "the connection has ended")),
+            Ok(0) if matches!(self, Self::Tcp(_)) => {
+                Err(Error::new("board", "the connection has ended"))
+            }
             Ok(count) => {
                 bytes.truncate(count);
                 Ok(bytes)
             }
-            Err(problem) if matches!(problem.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
+            Err(problem)
+                if matches!(
+                    problem.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) =>
+            {
                 Ok(Vec::new())
             }
-            Err(problem) => Err(Error::new("board", format!("the connection has ended: {problem}"))),
+            Err(problem) => Err(Error::new(
+                "board",
+                format!("the connection has ended: {problem}"),
+            )),
         }
     }
 }

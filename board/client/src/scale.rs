@@ -56,10 +56,16 @@ impl Scale {
             drive_bits,
         ] = numbers[..]
         else {
-            return Err(Error::new(question, "the board does not know these parameters: its image is older than this program"));
+            return Err(Error::new(
+                question,
+                "the board does not know these parameters: its image is older than this program",
+            ));
         };
         if sensor_span_um <= 0.0 || drive_span_v <= 0.0 || period_s <= 0.0 {
-            return Err(Error::new("board", "has no valid parameter block, so nothing says what its codes stand for"));
+            return Err(Error::new(
+                "board",
+                "has no valid parameter block, so nothing says what its codes stand for",
+            ));
         }
         Ok(Self {
             sensor_at_code_0_um,

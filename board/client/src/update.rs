@@ -47,12 +47,19 @@ pub fn state(board: &mut Board) -> Result<String> {
 /// What `UPD?` answers: board and converters of the running image, and how far an update is.
 fn answer(board: &mut Board) -> Result<(Option<[String; 2]>, String)> {
     let text = board.ask_until("UPD?", |answer| answer.contains("STATE="))?;
-    let line = |key: &str| text.lines().find_map(|line| line.trim().strip_prefix(key).map(str::to_string));
+    let line = |key: &str| {
+        text.lines()
+            .find_map(|line| line.trim().strip_prefix(key).map(str::to_string))
+    };
     let image = line("IMAGE=").and_then(|image| {
         let mut words = image.split_ascii_whitespace().map(str::to_string);
         Some([words.next()?, words.next()?])
     });
-    Ok((image, line("STATE=").ok_or_else(|| wrong(format!("the board answers `{}` to UPD?", text.trim())))?))
+    Ok((
+        image,
+        line("STATE=")
+            .ok_or_else(|| wrong(format!("the board answers `{}` to UPD?", text.trim())))?,
+    ))
 }
 
 /// Waits for a state; what the board refuses is an error.
@@ -63,10 +70,14 @@ fn wait_for(board: &mut Board, wanted: &str) -> Result<()> {
             return Ok(());
         }
         if let Some(reason) = state.strip_prefix("REFUSED ") {
-            return Err(wrong(format!("the board refuses the image: {reason}; the running image stays")));
+            return Err(wrong(format!(
+                "the board refuses the image: {reason}; the running image stays"
+            )));
         }
         if !matches!(state.as_str(), "ERASING" | "VERIFYING") {
-            return Err(wrong(format!("the board is at {state} and not at {wanted}; the running image stays")));
+            return Err(wrong(format!(
+                "the board is at {state} and not at {wanted}; the running image stays"
+            )));
         }
         std::thread::sleep(crate::board::BETWEEN_QUESTIONS);
     }
@@ -76,14 +87,22 @@ fn wait_for(board: &mut Board, wanted: &str) -> Result<()> {
 fn look(board: &mut Board, image: &FirmwareImage) -> Result<()> {
     let (running, state) = answer(board)?;
     if state == "UNSUPPORTED" {
-        return Err(wrong("this board has no room for a second image: flash it over the debug probe (`hysteron board flash IMAGE`)"));
+        return Err(wrong(
+            "this board has no room for a second image: flash it over the debug probe (`hysteron board flash IMAGE`)",
+        ));
     }
-    let wanted = [&image.header.board, &image.header.front_end].map(|field| text(field).to_string());
+    let wanted =
+        [&image.header.board, &image.header.front_end].map(|field| text(field).to_string());
     if let Some(running) = running.filter(|running| *running != wanted) {
-        return Err(wrong(format!("the image is for {} with {}, the board is {} with {}", wanted[0], wanted[1], running[0], running[1])));
+        return Err(wrong(format!(
+            "the image is for {} with {}, the board is {} with {}",
+            wanted[0], wanted[1], running[0], running[1]
+        )));
     }
     if board.number("ARM? 1")? != 0.0 {
-        return Err(wrong("the amplifier is armed: bring it to rest and switch it off (ARM 1 0)"));
+        return Err(wrong(
+            "the amplifier is armed: bring it to rest and switch it off (ARM 1 0)",
+        ));
     }
     Ok(())
 }
@@ -92,7 +111,12 @@ fn look(board: &mut Board, image: &FirmwareImage) -> Result<()> {
 ///
 /// # Errors
 /// The board cannot be updated, is in use, or refuses the image; nothing has changed then.
-pub fn bring(board: &mut Board, image: &FirmwareImage, checksum: u32, mut progress: impl FnMut(UpdateStage)) -> Result<()> {
+pub fn bring(
+    board: &mut Board,
+    image: &FirmwareImage,
+    checksum: u32,
+    mut progress: impl FnMut(UpdateStage),
+) -> Result<()> {
     look(board, image)?;
     progress(UpdateStage::Erasing);
     board.tell(&format!("UPD BEGIN {}", image.bytes.len()))?;
@@ -103,11 +127,17 @@ pub fn bring(board: &mut Board, image: &FirmwareImage, checksum: u32, mut progre
             .enumerate()
             .map(|(word, bytes)| {
                 let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-                format!("UPD DATA {} {digits}", nth * REPORT_BYTES + word * WORD_BYTES)
+                format!(
+                    "UPD DATA {} {digits}",
+                    nth * REPORT_BYTES + word * WORD_BYTES
+                )
             })
             .collect();
         board.tell_all(&lines)?;
-        progress(UpdateStage::Sent { bytes: nth * REPORT_BYTES + part.len(), of: image.bytes.len() });
+        progress(UpdateStage::Sent {
+            bytes: nth * REPORT_BYTES + part.len(),
+            of: image.bytes.len(),
+        });
     }
     progress(UpdateStage::Verifying);
     board.tell(&format!("UPD COMMIT {checksum:#010x}"))?;
@@ -119,7 +149,11 @@ pub fn bring(board: &mut Board, image: &FirmwareImage, checksum: u32, mut progre
 ///
 /// # Errors
 /// The image was not installed, or the board has put the previous one back.
-pub fn install(board: &mut Board, baud: Option<u32>, mut progress: impl FnMut(UpdateStage)) -> Result<String> {
+pub fn install(
+    board: &mut Board,
+    baud: Option<u32>,
+    mut progress: impl FnMut(UpdateStage),
+) -> Result<String> {
     progress(UpdateStage::Installing);
     // A restart is not answered.
     board.send(b"RBT\n")?;
@@ -145,9 +179,21 @@ pub fn install(board: &mut Board, baud: Option<u32>, mut progress: impl FnMut(Up
         match state.as_str() {
             "CONFIRMED" => return Ok(board.identification.clone()),
             "TRIAL" => progress(UpdateStage::Trial),
-            "ROLLED_BACK" => return Err(wrong("the image did not run for a healthy second: the board has put the previous one back")),
-            "NOT_INSTALLED" => return Err(wrong("the image was not installed: its bytes changed in flash; the previous one runs")),
-            other => return Err(wrong(format!("behind the restart the board is at {other}: it has not installed the image"))),
+            "ROLLED_BACK" => {
+                return Err(wrong(
+                    "the image did not run for a healthy second: the board has put the previous one back",
+                ));
+            }
+            "NOT_INSTALLED" => {
+                return Err(wrong(
+                    "the image was not installed: its bytes changed in flash; the previous one runs",
+                ));
+            }
+            other => {
+                return Err(wrong(format!(
+                    "behind the restart the board is at {other}: it has not installed the image"
+                )));
+            }
         }
         std::thread::sleep(crate::board::BETWEEN_QUESTIONS);
     }

@@ -35,15 +35,28 @@ pub fn swap(board: &mut Board, block: &[u8]) -> Result<()> {
 /// # Errors
 /// The power stage is on or the drive does not rest; the board refuses the envelope, and says why; or another
 /// one is in force after the restart.
-pub fn keep_envelope(board: &mut Board, envelope: &[u8], checksum: u32, baud: Option<u32>) -> Result<()> {
-    bring(board, envelope, &format!("ENVELOPE {checksum:#010x}"), "KEPT")?;
+pub fn keep_envelope(
+    board: &mut Board,
+    envelope: &[u8],
+    checksum: u32,
+    baud: Option<u32>,
+) -> Result<()> {
+    bring(
+        board,
+        envelope,
+        &format!("ENVELOPE {checksum:#010x}"),
+        "KEPT",
+    )?;
     board.send(b"RBT\n")?;
     board.meet_again(baud)?;
     let used = board.ask("ENV?")?;
     if used.contains(&format!("CHECKSUM={checksum:#010x}")) {
         Ok(())
     } else {
-        Err(Error::new("safety envelope", format!("after the restart the board says `{}`", used.trim())))
+        Err(Error::new(
+            "safety envelope",
+            format!("after the restart the board says `{}`", used.trim()),
+        ))
     }
 }
 
@@ -57,7 +70,10 @@ fn bring(board: &mut Board, block: &[u8], what: &str, done: &str) -> Result<()> 
     board.tell_all(&lines)?;
     board.tell(&format!("BLK {what}"))?;
     board.wait("BLK?", |answer| match answer.strip_prefix("REFUSED ") {
-        Some(reason) => Err(Error::new("parameter block", format!("the board refuses it: {reason}"))),
+        Some(reason) => Err(Error::new(
+            "parameter block",
+            format!("the board refuses it: {reason}"),
+        )),
         None => Ok(answer == done),
     })
 }
@@ -69,6 +85,9 @@ fn expect_in_use(board: &mut Board, block: &[u8], when: &str) -> Result<()> {
     if used == f64::from(expected) {
         Ok(())
     } else {
-        Err(Error::new("parameter block", format!("{when} another one is in use (content {used:.0}, not {expected})")))
+        Err(Error::new(
+            "parameter block",
+            format!("{when} another one is in use (content {used:.0}, not {expected})"),
+        ))
     }
 }

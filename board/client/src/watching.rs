@@ -37,7 +37,10 @@ pub struct Glance {
 /// Names of `DIA? 1`.
 #[must_use]
 pub fn mode_name(number: f64) -> &'static str {
-    ["rest", "open loop", "closed loop"].get(number as usize).copied().unwrap_or("fault")
+    ["rest", "open loop", "closed loop"]
+        .get(number as usize)
+        .copied()
+        .unwrap_or("fault")
 }
 
 /// Asks for the values of now.
@@ -46,11 +49,26 @@ pub fn mode_name(number: f64) -> &'static str {
 /// The board does not answer.
 pub fn glance(board: &mut Board) -> Result<Glance> {
     let numbers = board.numbers("DIA? 1 2 10")?;
-    let [mode, fault, tick] = numbers[..] else { return Err(Error::new("DIA?", "the board answers something else")) };
+    let [mode, fault, tick] = numbers[..] else {
+        return Err(Error::new("DIA?", "the board answers something else"));
+    };
     let mode = mode_name(mode);
-    let target_um = if mode == CLOSED { Some(board.number("MOV? 1")?) } else { None };
-    let fault = (fault > 0.0).then(|| Fault::from_number(fault as u8).map_or("one that this program does not know", Fault::name));
-    Ok(Glance { tick, mode, fault, position_um: board.number("POS? 1")?, drive_v: board.number("VOL? 1")?, target_um })
+    let target_um = if mode == CLOSED {
+        Some(board.number("MOV? 1")?)
+    } else {
+        None
+    };
+    let fault = (fault > 0.0).then(|| {
+        Fault::from_number(fault as u8).map_or("one that this program does not know", Fault::name)
+    });
+    Ok(Glance {
+        tick,
+        mode,
+        fault,
+        position_um: board.number("POS? 1")?,
+        drive_v: board.number("VOL? 1")?,
+        target_um,
+    })
 }
 
 const CLOSED: &str = "closed loop";
@@ -74,28 +92,64 @@ pub struct Capture {
 ///
 /// # Errors
 /// The board does not answer, has no room for so many, or somebody stopped its recorder.
-pub fn capture(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Capture> {
+pub fn capture(
+    board: &mut Board,
+    scale: &Scale,
+    ticks_per_sample: u32,
+    samples: usize,
+    between: Between,
+) -> Result<Capture> {
     let before = glance(board)?;
     // The first table is the reference, whatever another program made of it.
     board.tell("DRC 1 1 1")?;
     let recorded = listen_with(board, scale, ticks_per_sample, samples, between)?;
     let after = glance(board)?;
     let closed = before.mode == CLOSED && after.mode == CLOSED;
-    let reference_um = if closed { Some(references(board, recorded.position_um.len(), samples, between)?) } else { None };
-    Ok(Capture { recorded, reference_um, ticks_per_sample, before, after })
+    let reference_um = if closed {
+        Some(references(
+            board,
+            recorded.position_um.len(),
+            samples,
+            between,
+        )?)
+    } else {
+        None
+    };
+    Ok(Capture {
+        recorded,
+        reference_um,
+        ticks_per_sample,
+        before,
+        after,
+    })
 }
 
 /// The references that belong to the last `kept` of so many samples.
-fn references(board: &mut Board, kept: usize, samples: usize, between: Between) -> Result<Vec<f64>> {
+fn references(
+    board: &mut Board,
+    kept: usize,
+    samples: usize,
+    between: Between,
+) -> Result<Vec<f64>> {
     let mut references = Vec::with_capacity(kept);
     let mut next = samples - kept;
     while next < samples {
         let count = (samples - next).min(REFERENCES_AT_ONCE);
         let question = format!("DRR? {} {count} 1", next + 1);
         let answer = board.ask(&question)?;
-        let values: Vec<f64> = answer.lines().filter(|line| !line.starts_with('#')).map_while(|line| line.trim().parse().ok()).collect();
+        let values: Vec<f64> = answer
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map_while(|line| line.trim().parse().ok())
+            .collect();
         if values.len() != count {
-            return Err(Error::new(question, format!("the board answers {} values; expected {count}", values.len())));
+            return Err(Error::new(
+                question,
+                format!(
+                    "the board answers {} values; expected {count}",
+                    values.len()
+                ),
+            ));
         }
         references.extend(values);
         next += count;

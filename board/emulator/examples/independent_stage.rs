@@ -20,19 +20,34 @@ use hysteron_emulator::running_board::{serve_board, witness};
 use independent_stage::{IndependentStage, StageChange, StageTruth};
 
 fn run(seed: &str, image: &str, front_end: &str, truth_file: &str) -> Result<(), String> {
-    let seed: u64 = seed.parse().map_err(|_| format!("{seed}: expected a seed, a whole number"))?;
+    let seed: u64 = seed
+        .parse()
+        .map_err(|_| format!("{seed}: expected a seed, a whole number"))?;
     let truth = StageTruth::drawn(seed);
-    let text = std::fs::read_to_string(front_end).map_err(|error| format!("{front_end}: {error}"))?;
-    let scale = FrontEnd::from_toml(&text, front_end).map_err(|error| error.to_string())?.scale(0.0, truth.drive_max_v);
+    let text =
+        std::fs::read_to_string(front_end).map_err(|error| format!("{front_end}: {error}"))?;
+    let scale = FrontEnd::from_toml(&text, front_end)
+        .map_err(|error| error.to_string())?
+        .scale(0.0, truth.drive_max_v);
     let stage = IndependentStage::virgin(&truth, StageChange::NONE);
     let mut world = World::with(Box::new(stage), scale, truth.noise_um, seed);
     world.witness = Some(witness(Path::new(truth_file))?);
-    serve_board(world, Path::new(image), None, SocketAddr::from(([127, 0, 0, 1], 0)))
+    serve_board(
+        world,
+        Path::new(image),
+        None,
+        SocketAddr::from(([127, 0, 0, 1], 0)),
+    )
 }
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let result = match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+    let result = match words
+        .iter()
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .as_slice()
+    {
         [seed, image, front_end, truth] => run(seed, image, front_end, truth),
         _ => Err("expected SEED IMAGE FRONT_END TRUTH".into()),
     };

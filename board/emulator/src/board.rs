@@ -66,7 +66,11 @@ const SERIAL_PORT: usize = 2;
 const SENSOR_INTERFACE: usize = 0;
 const DRIVE_INTERFACE: usize = 2;
 
-rigless::store!(NucleoBoard { values: [], parts: [mcu], built: [instructions_per_second] });
+rigless::store!(NucleoBoard {
+    values: [],
+    parts: [mcu],
+    built: [instructions_per_second]
+});
 
 impl NucleoBoard {
     /// The board out of its box: 8 MHz on the crystal pins and 3.3 V.
@@ -75,10 +79,14 @@ impl NucleoBoard {
     /// The part's description is inconsistent.
     pub fn new() -> Result<Self, Error> {
         let mut mcu = Stm32h743::new()?;
-        mcu.rcc.attach_crystals(Crystal(8_000_000).0, Crystal::NONE.0);
+        mcu.rcc
+            .attach_crystals(Crystal(8_000_000).0, Crystal::NONE.0);
         mcu.set_supply(Supply(3300).0);
         mcu.set_analog_supply(Supply(3300).0);
-        let mut this = Self { mcu, instructions_per_second: INSTRUCTIONS_PER_SECOND };
+        let mut this = Self {
+            mcu,
+            instructions_per_second: INSTRUCTIONS_PER_SECOND,
+        };
         for line in SafetyLine::ALL {
             this.set_line(line, true, VirtualNanos(0));
         }
@@ -87,9 +95,13 @@ impl NucleoBoard {
 
     /// Closes a contact to ground on a line, or opens it.
     pub fn set_line(&mut self, line: SafetyLine, closed: bool, at: VirtualNanos) {
-        let Some(pin) = Pin::new(line as u8) else { return };
+        let Some(pin) = Pin::new(line as u8) else {
+            return;
+        };
         let level = closed.then_some(Level::Low);
-        self.mcu.drive_port(at, PORT_E, |port, registers, context| port.drive(pin, level, registers, context));
+        self.mcu.drive_port(at, PORT_E, |port, registers, context| {
+            port.drive(pin, level, registers, context)
+        });
     }
 
     /// Changes the part's supply, mV. Whether the voltage detector asks for its interrupt by that: its output
@@ -98,13 +110,24 @@ impl NucleoBoard {
     pub fn set_supply(&mut self, millivolts: u32) -> bool {
         let before = self.detector_says_low();
         self.mcu.set_supply(millivolts);
-        let line = |register| self.mcu.bus().registers("EXTI").is_some_and(|registers| registers.get(register) >> 16 & 1 == 1);
-        self.detector_says_low() && !before && line(exti::Register::Rtsr1) && line(exti::Register::Cpuimr1)
+        let line = |register| {
+            self.mcu
+                .bus()
+                .registers("EXTI")
+                .is_some_and(|registers| registers.get(register) >> 16 & 1 == 1)
+        };
+        self.detector_says_low()
+            && !before
+            && line(exti::Register::Rtsr1)
+            && line(exti::Register::Cpuimr1)
     }
 
     /// PWR_CSR1.PVDO (RM0433, 6.8.2).
     fn detector_says_low(&self) -> bool {
-        self.mcu.bus().registers("PWR").is_some_and(|registers| registers.get(pwr::Register::Csr1) >> 4 & 1 == 1)
+        self.mcu
+            .bus()
+            .registers("PWR")
+            .is_some_and(|registers| registers.get(pwr::Register::Csr1) >> 4 & 1 == 1)
     }
 
     /// Sets the input that the amplifier's voltage monitor is on: PC0, channel 10 of ADC3, mV.
@@ -128,9 +151,14 @@ impl NucleoBoard {
     /// Whether an output of port E is high.
     fn is_high(&mut self, pin: u32) -> bool {
         let bus = self.mcu.bus_mut();
-        let Some(slot) = bus.slot_of("GPIOE") else { return false };
+        let Some(slot) = bus.slot_of("GPIOE") else {
+            return false;
+        };
         let registers = bus.slot_mut(slot).registers_mut();
-        let (mode, output) = (registers.get(gpio::Register::Moder), registers.get(gpio::Register::Odr));
+        let (mode, output) = (
+            registers.get(gpio::Register::Moder),
+            registers.get(gpio::Register::Odr),
+        );
         mode >> (2 * pin) & 3 == 1 && output >> pin & 1 == 1
     }
 
@@ -150,8 +178,16 @@ impl NucleoBoard {
         if let Some(interface) = board.mcu.spi.get_mut(SENSOR_INTERFACE) {
             interface.attach(SensorConverter::new(world));
         }
-        if let (Some(interface), Some(pin)) = (board.mcu.spi.get_mut(DRIVE_INTERFACE), Pin::new(9)) {
-            interface.attach_selected(DriveConverter::new(world), Select { port: "GPIOC", pin, active: Level::Low });
+        if let (Some(interface), Some(pin)) = (board.mcu.spi.get_mut(DRIVE_INTERFACE), Pin::new(9))
+        {
+            interface.attach_selected(
+                DriveConverter::new(world),
+                Select {
+                    port: "GPIOC",
+                    pin,
+                    active: Level::Low,
+                },
+            );
         }
         Ok(board)
     }
@@ -162,17 +198,23 @@ fn core(mcu: &Stm32h743, instructions_per_second: u64) -> armv7m::Config {
     let core = armv7m::Core {
         variant: armv7m::Variant::M7,
         clock_hz: NonZeroU64::new(400_000_000).unwrap_or(NonZeroU64::MIN),
-        interrupt_lines: NonZeroU32::new(u32::from(mcu.cpu().interrupt_lines)).unwrap_or(NonZeroU32::MIN),
+        interrupt_lines: NonZeroU32::new(u32::from(mcu.cpu().interrupt_lines))
+            .unwrap_or(NonZeroU32::MIN),
         priority_bits: 4,
         refclk_divider: NonZeroU32::new(8).unwrap_or(NonZeroU32::MIN),
-        instructions_per_second: NonZeroU64::new(instructions_per_second).unwrap_or(NonZeroU64::MIN),
+        instructions_per_second: NonZeroU64::new(instructions_per_second)
+            .unwrap_or(NonZeroU64::MIN),
         boot: "flash",
     };
     let mut config = armv7m::Config::new(core, &windows(mcu.bus()));
     config.fpu = armv7m::Fpu::FpV5Dp;
     config.mpu_regions = armv7m::MpuRegions::Sixteen;
     config.cpuid = 0x411F_C271;
-    config.caches = Some(armv7m::Caches { clidr: 0x0900_0003, ctr: 0x8303_C003, ccsidr: &[0xF00F_E019, 0xF01F_E009] });
+    config.caches = Some(armv7m::Caches {
+        clidr: 0x0900_0003,
+        ctr: 0x8303_C003,
+        ccsidr: &[0xF00F_E019, 0xF01F_E009],
+    });
     config.branch_prediction = armv7m::BranchPrediction::Always;
     config.vector_table = Some(0x0800_0000);
     config

@@ -114,7 +114,10 @@ pub type Witness = Box<dyn FnMut(SensorCode, DriveCode, f64) + Send>;
 
 impl std::fmt::Debug for World {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("World").field("edges", &self.edges).field("acting_code", &self.acting_code).finish_non_exhaustive()
+        f.debug_struct("World")
+            .field("edges", &self.edges)
+            .field("acting_code", &self.acting_code)
+            .finish_non_exhaustive()
     }
 }
 
@@ -125,7 +128,12 @@ impl World {
     /// A virgin actuator of the bench, its drive at rest, with this seed of noise.
     #[must_use]
     pub fn new(bench: &Bench, variant: Variant, seed: u64) -> Self {
-        let mut world = Self::with(Box::new(bench.plant(variant)), bench.converter_scale(), bench.converters.sensor_noise_um, seed);
+        let mut world = Self::with(
+            Box::new(bench.plant(variant)),
+            bench.converter_scale(),
+            bench.converters.sensor_noise_um,
+            seed,
+        );
         world.period_ns = (1e9 * bench.sampling_period_s()).round() as u64;
         world
     }
@@ -133,7 +141,12 @@ impl World {
     /// Any plant at rest between converters of this scale, with this noise of the sensor, um RMS. It advances by
     /// [`PERIOD_NS`] from edge to edge, unless [`World::period_ns`] says otherwise.
     #[must_use]
-    pub fn with(plant: Box<dyn Plant + Send>, scale: ConverterScale, noise_um: f64, seed: u64) -> Self {
+    pub fn with(
+        plant: Box<dyn Plant + Send>,
+        scale: ConverterScale,
+        noise_um: f64,
+        seed: u64,
+    ) -> Self {
         let rest = scale.dac_code(scale.drive_min_v);
         Self {
             plant,
@@ -142,7 +155,12 @@ impl World {
             acting_code: rest,
             written_code: rest,
             clamped: false,
-            ground_code: ConverterScale { drive_min_v: f64::NEG_INFINITY, drive_max_v: f64::INFINITY, ..scale }.dac_code(0.0),
+            ground_code: ConverterScale {
+                drive_min_v: f64::NEG_INFINITY,
+                drive_max_v: f64::INFINITY,
+                ..scale
+            }
+            .dac_code(0.0),
             waiting_for_beat: true,
             period_ns: PERIOD_NS,
             first_edge_ns: None,
@@ -180,11 +198,23 @@ impl World {
         if self.converter_brown_outs.contains(&self.edges) {
             (self.clamped, self.written_code) = (true, DriveCode::default());
         }
-        let next = if self.clamped { self.ground_code } else { self.written_code };
+        let next = if self.clamped {
+            self.ground_code
+        } else {
+            self.written_code
+        };
         let acted = std::mem::replace(&mut self.acting_code, next);
-        let honest = if self.wire { self.over_the_wire(acted) } else { self.scale.adc_code(self.plant.sensor_um() + self.noise.next_um()) };
+        let honest = if self.wire {
+            self.over_the_wire(acted)
+        } else {
+            self.scale
+                .adc_code(self.plant.sensor_um() + self.noise.next_um())
+        };
         let now = self.edges;
-        let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
+        let trouble = self
+            .troubles
+            .iter()
+            .find(|trouble| (trouble.from..trouble.to).contains(&now));
         let code = match trouble.map(|trouble| trouble.kind) {
             None => honest,
             Some(Trouble::Stuck) => self.last_code,
@@ -215,7 +245,9 @@ impl World {
     pub fn monitor_mv(&self) -> u32 {
         match self.output_trouble {
             Some((from, OutputTrouble::CableOpen)) if self.edges >= from => 0,
-            _ => ((self.output_v + 30.0) / 180.0 * 3300.0).round().clamp(0.0, 3300.0) as u32,
+            _ => ((self.output_v + 30.0) / 180.0 * 3300.0)
+                .round()
+                .clamp(0.0, 3300.0) as u32,
         }
     }
 
@@ -232,7 +264,8 @@ impl World {
     /// The drive's converter wakes up: clamped to ground, its register empty.
     pub fn wake_converter(&mut self, now_ns: u64) {
         self.pass_edges(now_ns);
-        (self.clamped, self.written_code, self.waiting_for_beat) = (true, DriveCode::default(), true);
+        (self.clamped, self.written_code, self.waiting_for_beat) =
+            (true, DriveCode::default(), true);
         self.acting_code = self.ground_code;
     }
 
@@ -244,7 +277,9 @@ impl World {
 
     /// Lets the edges before an instant pass.
     fn pass_edges(&mut self, now_ns: u64) {
-        let Some(first) = self.first_edge_ns else { return };
+        let Some(first) = self.first_edge_ns else {
+            return;
+        };
         while first + self.edges * self.period_ns < now_ns {
             self.edge();
         }
@@ -255,19 +290,34 @@ impl World {
     fn frame(&mut self, word: u32, now_ns: u64) -> u32 {
         self.pass_edges(now_ns);
         let register = self.written_code.steps() << (MOST_BITS - self.scale.dac_bits);
-        let given = if std::mem::replace(&mut self.asked, word >> 20 == 9) { register } else { 0 };
-        let stuck = self.register_stuck_from.is_some_and(|from| self.edges >= from);
+        let given = if std::mem::replace(&mut self.asked, word >> 20 == 9) {
+            register
+        } else {
+            0
+        };
+        let stuck = self
+            .register_stuck_from
+            .is_some_and(|from| self.edges >= from);
         match word >> 20 {
             1 if stuck => {}
             // The register has 20 bits; a code of fewer is their upper ones.
-            1 => self.written_code = DriveCode::new((word & 0xF_FFFF) >> (MOST_BITS - self.scale.dac_bits)),
+            1 => {
+                self.written_code =
+                    DriveCode::new((word & 0xF_FFFF) >> (MOST_BITS - self.scale.dac_bits))
+            }
             // Output on ground, or three-state: bits 2 and 3.
             2 => self.clamped = word & 0b1100 != 0,
             _ => return given,
         }
-        let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= by_hand_ns(self.period_ns));
+        let by_hand = self
+            .last_read_ns
+            .is_none_or(|last| now_ns.saturating_sub(last) >= by_hand_ns(self.period_ns));
         if self.waiting_for_beat || by_hand {
-            self.acting_code = if self.clamped { self.ground_code } else { self.written_code };
+            self.acting_code = if self.clamped {
+                self.ground_code
+            } else {
+                self.written_code
+            };
             // What has acted in between is seen at the next edge, however short it was.
             self.lowest_between_edges = self.lowest_between_edges.min(self.acting_code);
         }
@@ -296,7 +346,10 @@ impl World {
     fn read_at(&mut self, now_ns: u64) -> SensorCode {
         self.began_ns.get_or_insert(now_ns);
         let mut first = *self.first_edge_ns.get_or_insert(now_ns);
-        if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_PERIODS * self.period_ns) {
+        if self
+            .last_read_ns
+            .is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_PERIODS * self.period_ns)
+        {
             // The part has restarted and its sample clock beats in another phase: this read is at an edge.
             let passed = (now_ns.saturating_sub(first) + self.period_ns / 2) / self.period_ns;
             first = now_ns.saturating_sub(passed * self.period_ns);
@@ -319,19 +372,27 @@ pub struct SensorConverter {
     world: SharedWorld,
 }
 
-rigless::store!(SensorConverter { values: [], parts: [], built: [world] });
+rigless::store!(SensorConverter {
+    values: [],
+    parts: [],
+    built: [world]
+});
 
 impl SensorConverter {
     /// On this world.
     #[must_use]
     pub fn new(world: &SharedWorld) -> Self {
-        Self { world: Arc::clone(world) }
+        Self {
+            world: Arc::clone(world),
+        }
     }
 }
 
 impl Peer for SensorConverter {
     fn transfer(&mut self, _: u32, _: u8, context: &mut Timeline<'_, '_>) -> u32 {
-        self.world.lock().map_or(0, |mut world| world.read_at(context.now().0).steps())
+        self.world
+            .lock()
+            .map_or(0, |mut world| world.read_at(context.now().0).steps())
     }
 }
 
@@ -342,7 +403,11 @@ pub struct DriveConverter {
     world: SharedWorld,
 }
 
-rigless::store!(DriveConverter { values: [], parts: [], built: [world] });
+rigless::store!(DriveConverter {
+    values: [],
+    parts: [],
+    built: [world]
+});
 
 impl DriveConverter {
     /// On this world.
@@ -351,7 +416,9 @@ impl DriveConverter {
         if let Ok(mut world) = world.lock() {
             world.wake_converter(0);
         }
-        Self { world: Arc::clone(world) }
+        Self {
+            world: Arc::clone(world),
+        }
     }
 }
 

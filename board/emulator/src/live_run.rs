@@ -60,7 +60,12 @@ fn decode(table: &Table, raw_log: &Receiver<Vec<u8>>, mut log: impl FnMut(&str, 
 }
 
 impl Driver<NucleoBoard> for Live {
-    fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(
+        &mut self,
+        session: &mut Session<NucleoBoard>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
         self.pass_log_on(host);
         self.watchdog.serve(session, stop, host);
         let ahead = Duration::from_nanos(stop.at.0).saturating_sub(self.begun.elapsed());
@@ -85,13 +90,29 @@ pub fn run_live(
     log: impl FnMut(&str, &str) + Send + 'static,
 ) -> Result<()> {
     let bytes = std::fs::read(elf)?;
-    let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
-    let prepared = prepare(elf, board, [block, None], [envelope, None], line, MILLISECOND)?;
+    let table =
+        Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
+    let prepared = prepare(
+        elf,
+        board,
+        [block, None],
+        [envelope, None],
+        line,
+        MILLISECOND,
+    )?;
     let (raw_log, to_decode) = channel();
     std::thread::spawn(move || decode(&table, &to_decode, log));
-    let driver = Live { control_block: prepared.control_block, raw_log, watchdog: Watchdog::default(), begun: Instant::now() };
+    let driver = Live {
+        control_block: prepared.control_block,
+        raw_log,
+        watchdog: Watchdog::default(),
+        begun: Instant::now(),
+    };
     let mut start = Start::new(&prepared.images);
     start.semihosting = true;
     let mut finished = emulate(prepared.session, &start, driver)?;
-    finished.session.take_error().map_or(Ok(()), |error| Err(error.into()))
+    finished
+        .session
+        .take_error()
+        .map_or(Ok(()), |error| Err(error.into()))
 }

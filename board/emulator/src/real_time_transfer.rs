@@ -32,7 +32,10 @@ impl ControlBlock {
     /// Whether the target has set the control block up.
     pub fn ready(self, memory: &mut dyn Memory) -> bool {
         IDENTIFIER.chunks(4).zip(0u64..).all(|(expected, word)| {
-            let expected = expected.iter().rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte));
+            let expected = expected
+                .iter()
+                .rev()
+                .fold(0u64, |sum, byte| sum << 8 | u64::from(*byte));
             Self::word(memory, self.address + 4 * word) == Some(expected)
         })
     }
@@ -40,7 +43,10 @@ impl ControlBlock {
     /// Takes everything that up channel 0 holds.
     pub fn take_up(self, memory: &mut dyn Memory, into: &mut Vec<u8>) -> Option<()> {
         let channel = self.address + HEADER_BYTES;
-        let (buffer, size) = (Self::word(memory, channel + BUFFER)?, Self::word(memory, channel + SIZE)?);
+        let (buffer, size) = (
+            Self::word(memory, channel + BUFFER)?,
+            Self::word(memory, channel + SIZE)?,
+        );
         let write = Self::word(memory, channel + WRITE)?;
         let mut read = Self::word(memory, channel + READ)?;
         if size == 0 || write >= size || read >= size {
@@ -57,7 +63,10 @@ impl ControlBlock {
     pub fn put_down(self, memory: &mut dyn Memory, bytes: &[u8]) -> Option<usize> {
         let up_channels = Self::word(memory, self.address + 16)?;
         let channel = self.address + HEADER_BYTES + up_channels * CHANNEL_BYTES;
-        let (buffer, size) = (Self::word(memory, channel + BUFFER)?, Self::word(memory, channel + SIZE)?);
+        let (buffer, size) = (
+            Self::word(memory, channel + BUFFER)?,
+            Self::word(memory, channel + SIZE)?,
+        );
         let mut write = Self::word(memory, channel + WRITE)?;
         let read = Self::word(memory, channel + READ)?;
         if size == 0 || write >= size || read >= size {
@@ -69,7 +78,9 @@ impl ControlBlock {
             if next == read {
                 break;
             }
-            memory.write(buffer + write, Width::W8, u64::from(*byte)).ok()?;
+            memory
+                .write(buffer + write, Width::W8, u64::from(*byte))
+                .ok()?;
             write = next;
             put += 1;
         }

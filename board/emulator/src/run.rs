@@ -90,11 +90,14 @@ pub fn watched_envelope() -> SafetyEnvelope {
 #[must_use]
 pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
     let bench = bench_envelope();
-    let codes = |code: DriveCode| DriveCode::new(code.steps() << bench.dac_bits.saturating_sub(scale.dac_bits));
+    let codes = |code: DriveCode| {
+        DriveCode::new(code.steps() << bench.dac_bits.saturating_sub(scale.dac_bits))
+    };
     let lowest = codes(scale.dac_code(scale.drive_min_v));
     SafetyEnvelope {
         drive_at_code_0_uv: (scale.dac_zero_v * 1e6).round() as i32,
-        drive_span_uv: (scale.dac_lsb_v * 2f64.powi(i32::from(scale.dac_bits)) * 1e6).round() as u32,
+        drive_span_uv: (scale.dac_lsb_v * 2f64.powi(i32::from(scale.dac_bits)) * 1e6).round()
+            as u32,
         drive_min: lowest,
         drive_max: codes(scale.dac_code(scale.drive_max_v)),
         safe_code: lowest,
@@ -250,7 +253,10 @@ pub struct Outcome {
 impl Outcome {
     /// Texts of all messages that contain `part`.
     pub fn texts_with<'a>(&'a self, part: &'a str) -> impl Iterator<Item = &'a str> {
-        self.messages.iter().map(|message| message.text.as_str()).filter(move |text| text.contains(part))
+        self.messages
+            .iter()
+            .map(|message| message.text.as_str())
+            .filter(move |text| text.contains(part))
     }
 }
 
@@ -329,7 +335,9 @@ impl Watchdog {
     /// Whether it bites now.
     fn bites(&mut self, session: &mut Session<NucleoBoard>, at_ns: u64) -> bool {
         let bus = session.mcu().bus_mut();
-        let Some(slot) = bus.slot_of("IWDG") else { return false };
+        let Some(slot) = bus.slot_of("IWDG") else {
+            return false;
+        };
         let registers = bus.slot_mut(slot).registers_mut();
         let key = registers.get(iwdg::Register::Kr);
         if key != 0 {
@@ -341,7 +349,10 @@ impl Watchdog {
             // Feeding one that has not been started does nothing.
             self.running |= key != Self::FEED;
         }
-        let (prescaler, reload) = (registers.get(iwdg::Register::Pr) & 7, registers.get(iwdg::Register::Rlr) & 0xFFF);
+        let (prescaler, reload) = (
+            registers.get(iwdg::Register::Pr) & 7,
+            registers.get(iwdg::Register::Rlr) & 0xFFF,
+        );
         let period_ns = (reload + 1) * (4 << prescaler) * 1_000_000 / 32;
         self.running && at_ns.saturating_sub(self.fed_at_ns) > period_ns
     }
@@ -365,18 +376,36 @@ const DETECTOR_INTERRUPT: Option<InterruptLine> = InterruptLine::new(1);
 const DETECTOR_PULSE_NS: u64 = 20_000;
 
 impl Driver<NucleoBoard> for Probe {
-    fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(
+        &mut self,
+        session: &mut Session<NucleoBoard>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
         let at_ns = stop.at.0;
         if at_ns >= self.next_read_ns {
             self.serve(at_ns, host);
-            self.next_read_ns = at_ns.saturating_add(self.script.read_every_ns.unwrap_or(MILLISECOND));
+            self.next_read_ns =
+                at_ns.saturating_add(self.script.read_every_ns.unwrap_or(MILLISECOND));
         }
         if let Ok(mut taken) = self.taken.lock() {
-            while let Some((_, address)) = self.script.peeks.get(taken.peeked.len()).filter(|(from_ns, _)| *from_ns <= at_ns) {
-                taken.peeked.push(host.read(*address, Width::W32).unwrap_or_default());
+            while let Some((_, address)) = self
+                .script
+                .peeks
+                .get(taken.peeked.len())
+                .filter(|(from_ns, _)| *from_ns <= at_ns)
+            {
+                taken
+                    .peeked
+                    .push(host.read(*address, Width::W32).unwrap_or_default());
             }
         }
-        while let Some((_, injection)) = self.script.injections.get(self.next_injection).filter(|(from_ns, _)| *from_ns <= at_ns) {
+        while let Some((_, injection)) = self
+            .script
+            .injections
+            .get(self.next_injection)
+            .filter(|(from_ns, _)| *from_ns <= at_ns)
+        {
             match *injection {
                 Injection::Halfword { address, value } => {
                     let _ = host.write(address, Width::W16, u64::from(value));
@@ -384,10 +413,14 @@ impl Driver<NucleoBoard> for Probe {
                 Injection::DriveInterfaceOff => {
                     let bus = session.mcu().bus_mut();
                     if let Some(slot) = bus.slot_of("SPI3") {
-                        bus.slot_mut(slot).registers_mut().set(spi1::Register::Cr1, 0);
+                        bus.slot_mut(slot)
+                            .registers_mut()
+                            .set(spi1::Register::Cr1, 0);
                     }
                 }
-                Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
+                Injection::Line { line, closed } => {
+                    session.board_mut().set_line(line, closed, stop.at)
+                }
                 Injection::Supply { millivolts } => {
                     if session.board_mut().set_supply(millivolts)
                         && let Some(line) = DETECTOR_INTERRUPT
@@ -400,7 +433,9 @@ impl Driver<NucleoBoard> for Probe {
             }
             self.next_injection += 1;
         }
-        if self.detector_until_ns.is_some_and(|until_ns| at_ns >= until_ns)
+        if self
+            .detector_until_ns
+            .is_some_and(|until_ns| at_ns >= until_ns)
             && let Some(line) = DETECTOR_INTERRUPT
         {
             self.detector_until_ns = None;
@@ -424,23 +459,51 @@ impl Driver<NucleoBoard> for Probe {
         {
             taken.triggered.push((at_ns, triggers));
         }
-        while let Some((_, bytes)) = self.script.serial.get(self.next_serial).filter(|(from_ns, _)| *from_ns <= at_ns) {
+        while let Some((_, bytes)) = self
+            .script
+            .serial
+            .get(self.next_serial)
+            .filter(|(from_ns, _)| *from_ns <= at_ns)
+        {
             if let Ok(mut line) = self.line.lock() {
                 line.to_part.extend(bytes);
             }
             self.next_serial += 1;
         }
-        let is_ended = self.script.ended.as_ref().is_some_and(|ended| ended.load(Ordering::Relaxed));
+        let is_ended = self
+            .script
+            .ended
+            .as_ref()
+            .is_some_and(|ended| ended.load(Ordering::Relaxed));
         if at_ns >= self.script.until_ns || is_ended {
             return None;
         }
-        let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
-        let serial = self.script.serial.get(self.next_serial).map_or(u64::MAX, |(from_ns, _)| *from_ns);
-        let monitored = self.script.monitored.as_ref().and_then(|world| world.lock().ok());
+        let injection = self
+            .script
+            .injections
+            .get(self.next_injection)
+            .map_or(u64::MAX, |(from_ns, _)| *from_ns);
+        let serial = self
+            .script
+            .serial
+            .get(self.next_serial)
+            .map_or(u64::MAX, |(from_ns, _)| *from_ns);
+        let monitored = self
+            .script
+            .monitored
+            .as_ref()
+            .and_then(|world| world.lock().ok());
         let look_ns = monitored.map_or(MILLISECOND, |world| world.period_ns);
-        let next = self.next_read_ns.min(at_ns.saturating_add(look_ns)).min(self.script.until_ns);
-        let next = next.min(injection.max(at_ns + 1)).min(serial.max(at_ns + 1));
-        Some(VirtualNanos(next.min(self.detector_until_ns.unwrap_or(u64::MAX))))
+        let next = self
+            .next_read_ns
+            .min(at_ns.saturating_add(look_ns))
+            .min(self.script.until_ns);
+        let next = next
+            .min(injection.max(at_ns + 1))
+            .min(serial.max(at_ns + 1));
+        Some(VirtualNanos(
+            next.min(self.detector_until_ns.unwrap_or(u64::MAX)),
+        ))
     }
 }
 
@@ -451,7 +514,10 @@ impl Driver<NucleoBoard> for Probe {
 pub fn address_of(elf: &Path, name: &str) -> Result<u64> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
     let file = object::File::parse(&*bytes)?;
-    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name)).ok_or_else(|| anyhow!("{}: no symbol {name}", elf.display()))?;
+    let symbol = file
+        .symbols()
+        .find(|symbol| symbol.name() == Ok(name))
+        .ok_or_else(|| anyhow!("{}: no symbol {name}", elf.display()))?;
     Ok(symbol.address() & !1)
 }
 
@@ -462,8 +528,12 @@ pub fn address_of(elf: &Path, name: &str) -> Result<u64> {
 pub fn sample_rate_hz(elf: &Path) -> Result<u32> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
     let file = object::File::parse(&*bytes)?;
-    let symbol = file.symbols().find(|symbol| symbol.name() == Ok("__sample_rate_hz"));
-    let rate_hz = symbol.and_then(|symbol| u32::try_from(symbol.address()).ok()).filter(|rate_hz| *rate_hz > 0);
+    let symbol = file
+        .symbols()
+        .find(|symbol| symbol.name() == Ok("__sample_rate_hz"));
+    let rate_hz = symbol
+        .and_then(|symbol| u32::try_from(symbol.address()).ok())
+        .filter(|rate_hz| *rate_hz > 0);
     rate_hz.ok_or_else(|| anyhow!("{}: does not say its sampling rate", elf.display()))
 }
 
@@ -471,7 +541,9 @@ pub fn sample_rate_hz(elf: &Path) -> Result<u32> {
 #[must_use]
 pub fn halfword_at(image: &[u8], address: u64) -> Option<u16> {
     let file = object::File::parse(image).ok()?;
-    let bytes = file.sections().find_map(|section| section.data_range(address, 2).ok().flatten())?;
+    let bytes = file
+        .sections()
+        .find_map(|section| section.data_range(address, 2).ok().flatten())?;
     Some(u16::from_le_bytes(bytes.try_into().ok()?))
 }
 
@@ -497,19 +569,35 @@ pub(crate) fn prepare(
     let boot_stage = elf.with_file_name(BOOT_STAGE);
     let mut images = vec![Image::read(&boot_stage, None)?, Image::read(elf, None)?];
     if let Some(envelope) = envelope {
-        images.push(Image::new(Path::new("safety envelope"), envelope.to_vec(), Some(ENVELOPE))?);
+        images.push(Image::new(
+            Path::new("safety envelope"),
+            envelope.to_vec(),
+            Some(ENVELOPE),
+        )?);
     }
     if let Some(kept) = kept {
-        images.push(Image::new(Path::new("kept settings"), kept.to_vec(), Some(KEPT_SETTINGS))?);
+        images.push(Image::new(
+            Path::new("kept settings"),
+            kept.to_vec(),
+            Some(KEPT_SETTINGS),
+        )?);
     }
     for (block, place) in blocks.iter().zip(SETTINGS) {
         if let Some(block) = block {
-            images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(place))?);
+            images.push(Image::new(
+                Path::new("parameter block"),
+                block.to_vec(),
+                Some(place),
+            )?);
         }
     }
     let mut session = Session::new(Box::new(board), 0, VirtualNanos(first_stop_ns))?;
     session.fail_next(BEYOND_FLASH, BEYOND_FLASH + 32);
-    Ok(Prepared { session, images, control_block })
+    Ok(Prepared {
+        session,
+        images,
+        control_block,
+    })
 }
 
 /// Runs the image on the board.
@@ -519,18 +607,34 @@ pub(crate) fn prepare(
 /// something.
 pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
-    let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
+    let table =
+        Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
 
     let line = script.line.clone().unwrap_or_default();
-    let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
+    let first = script
+        .read_every_ns
+        .unwrap_or(MILLISECOND)
+        .min(MILLISECOND)
+        .min(script.until_ns);
     let blocks = [script.block.as_deref(), script.second_block.as_deref()];
     let others = [script.envelope.as_deref(), script.kept.as_deref()];
-    let Prepared { session, mut images, control_block } = prepare(elf, board, blocks, others, &line, first)?;
+    let Prepared {
+        session,
+        mut images,
+        control_block,
+    } = prepare(elf, board, blocks, others, &line, first)?;
     for (address, bytes) in &script.flash {
-        images.push(Image::new(Path::new("flash"), bytes.clone(), Some(*address))?);
+        images.push(Image::new(
+            Path::new("flash"),
+            bytes.clone(),
+            Some(*address),
+        )?);
     }
     let taken = Arc::new(Mutex::new(Taken::default()));
-    let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
+    let watchdog = Watchdog {
+        running: script.hardware_watchdog,
+        ..Watchdog::default()
+    };
     let probe = Probe {
         script,
         control_block,
@@ -550,19 +654,39 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     if let Some(error) = finished.session.take_error() {
         return Err(error.into());
     }
-    let end = finished.stop.map_or((0, 0), |stop| (stop.at.0, stop.instruction_count));
+    let end = finished
+        .stop
+        .map_or((0, 0), |stop| (stop.at.0, stop.instruction_count));
     let resets = finished.session.resets().len();
-    let without_model = finished.session.unimplemented().values().map(|seen| format!("{}.{}", seen.instance, seen.register)).collect();
+    let without_model = finished
+        .session
+        .unimplemented()
+        .values()
+        .map(|seen| format!("{}.{}", seen.instance, seen.register))
+        .collect();
     let beyond_flash = |address: u64| (BEYOND_FLASH..BEYOND_FLASH + 32).contains(&address);
     let unmapped = finished.session.unmapped();
-    let unmapped: Vec<String> = unmapped.iter().filter(|access| !beyond_flash(access.address)).map(ToString::to_string).collect();
+    let unmapped: Vec<String> = unmapped
+        .iter()
+        .filter(|access| !beyond_flash(access.address))
+        .map(ToString::to_string)
+        .collect();
     if !unmapped.is_empty() {
-        bail!("the image touched addresses that the part does not have: {}", unmapped.join("; "));
+        bail!(
+            "the image touched addresses that the part does not have: {}",
+            unmapped.join("; ")
+        );
     }
     let taken = std::mem::take(&mut *taken.lock().map_err(|_| anyhow!("the probe died"))?);
     let (messages, malformed) = decode(&table, &taken)?;
     let board = std::mem::replace(finished.session.board_mut(), NucleoBoard::new()?);
-    let serial = std::mem::take(&mut line.lock().map_err(|_| anyhow!("the serial line died"))?.from_part).into();
+    let serial = std::mem::take(
+        &mut line
+            .lock()
+            .map_err(|_| anyhow!("the serial line died"))?
+            .from_part,
+    )
+    .into();
     Ok(Outcome {
         board: Box::new(board),
         raw: taken.raw,
@@ -588,12 +712,16 @@ fn decode(table: &Table, taken: &Taken) -> Result<(Vec<Message>, u32)> {
             match decoder.decode() {
                 Ok(frame) => messages.push(Message {
                     at_ns,
-                    level: frame.level().map_or(String::new(), |level| level.as_str().to_string()),
+                    level: frame
+                        .level()
+                        .map_or(String::new(), |level| level.as_str().to_string()),
                     text: frame.display_message().to_string(),
                 }),
                 Err(DecodeError::UnexpectedEof) => break,
                 Err(DecodeError::Malformed) if table.encoding().can_recover() => malformed += 1,
-                Err(DecodeError::Malformed) => bail!("a log frame is malformed and the encoding cannot recover"),
+                Err(DecodeError::Malformed) => {
+                    bail!("a log frame is malformed and the encoding cannot recover")
+                }
             }
         }
     }

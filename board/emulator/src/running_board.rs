@@ -22,10 +22,12 @@ const LINES_AT_ONCE: u32 = 1000;
 /// # Errors
 /// The file cannot be written.
 pub fn witness(path: &Path) -> Result<Witness, String> {
-    let file = std::fs::File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let file =
+        std::fs::File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let mut file = BufWriter::new(file);
     let named = path.display().to_string();
-    writeln!(file, "sensor_code,drive_code,position_um").map_err(|error| format!("{named}: {error}"))?;
+    writeln!(file, "sensor_code,drive_code,position_um")
+        .map_err(|error| format!("{named}: {error}"))?;
     let (mut lines, mut failed) = (0, false);
     Ok(Box::new(move |sensor, drive, position_um| {
         lines += 1;
@@ -46,7 +48,12 @@ pub fn witness(path: &Path) -> Result<Witness, String> {
 ///
 /// # Errors
 /// The address cannot be listened at, or the image does not run.
-pub fn serve_board(mut world: World, image: &Path, block: Option<&[u8]>, address: SocketAddr) -> Result<(), String> {
+pub fn serve_board(
+    mut world: World,
+    image: &Path,
+    block: Option<&[u8]>,
+    address: SocketAddr,
+) -> Result<(), String> {
     world.keeps_codes = false;
     let listener = TcpListener::bind(address).map_err(|error| format!("{address}: {error}"))?;
     let address = listener.local_addr().map_err(|error| error.to_string())?;
@@ -58,12 +65,19 @@ pub fn serve_board(mut world: World, image: &Path, block: Option<&[u8]>, address
     let envelope = envelope_bytes(&envelope_of(world.scale()));
     let world = world.shared();
     let board = NucleoBoard::with_plant(&world).map_err(|error| error.to_string())?;
-    run_live(image, board, block, Some(&envelope), &line, |level, text| {
-        // The running trace is for programs that decode it.
-        if !text.starts_with("trace [") {
-            println!("{level:>5} {text}");
-            let _ = std::io::stdout().flush();
-        }
-    })
+    run_live(
+        image,
+        board,
+        block,
+        Some(&envelope),
+        &line,
+        |level, text| {
+            // The running trace is for programs that decode it.
+            if !text.starts_with("trace [") {
+                println!("{level:>5} {text}");
+                let _ = std::io::stdout().flush();
+            }
+        },
+    )
     .map_err(|error| format!("{error:#}"))
 }

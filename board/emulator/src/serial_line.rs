@@ -25,13 +25,19 @@ pub struct SerialPeer {
     line: SharedLine,
 }
 
-rigless::store!(SerialPeer { values: [], parts: [], built: [line] });
+rigless::store!(SerialPeer {
+    values: [],
+    parts: [],
+    built: [line]
+});
 
 impl SerialPeer {
     /// Of this line.
     #[must_use]
     pub fn new(line: &SharedLine) -> Self {
-        Self { line: Arc::clone(line) }
+        Self {
+            line: Arc::clone(line),
+        }
     }
 }
 

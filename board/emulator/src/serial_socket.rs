@@ -41,10 +41,16 @@ fn bridge(mut stream: TcpStream, line: &SharedLine) -> std::io::Result<()> {
                     line.to_part.extend(bytes);
                 }
             }
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) => {}
             Err(error) => return Err(error),
         }
-        let answer = line.lock().map_or_else(|_| Vec::new(), |mut line| whole_lines(&mut line));
+        let answer = line
+            .lock()
+            .map_or_else(|_| Vec::new(), |mut line| whole_lines(&mut line));
         stream.write_all(&answer)?;
     }
 }
@@ -52,8 +58,15 @@ fn bridge(mut stream: TcpStream, line: &SharedLine) -> std::io::Result<()> {
 /// Takes the lines that have come to their end; what has begun stays. Every answer of the board ends in a
 /// line feed.
 fn whole_lines(line: &mut SerialLine) -> Vec<u8> {
-    let ended = line.from_part.iter().rposition(|(_, byte)| *byte == b'\n').map_or(0, |last| last + 1);
-    line.from_part.drain(..ended).map(|(_, byte)| byte).collect()
+    let ended = line
+        .from_part
+        .iter()
+        .rposition(|(_, byte)| *byte == b'\n')
+        .map_or(0, |last| last + 1);
+    line.from_part
+        .drain(..ended)
+        .map(|(_, byte)| byte)
+        .collect()
 }
 
 #[cfg(test)]
@@ -70,7 +83,11 @@ mod tests {
             for piece in [&said[..at], &said[at..]] {
                 line.from_part.extend(piece.iter().map(|byte| (0, *byte)));
                 let lines = whole_lines(&mut line);
-                assert!(lines.is_empty() || lines.ends_with(b"\n"), "{at}: {}", String::from_utf8_lossy(&lines));
+                assert!(
+                    lines.is_empty() || lines.ends_with(b"\n"),
+                    "{at}: {}",
+                    String::from_utf8_lossy(&lines)
+                );
                 passed.extend(lines);
             }
             assert_eq!(passed, said, "{at}: nothing is lost, and nothing stays");

@@ -24,15 +24,24 @@ pub fn list() -> Result<()> {
     if probes.is_empty() {
         return Err(none_found());
     }
-    for ProbeListItem { info, accessibility } in probes {
-        let note = if accessibility == Accessibility::PermissionDenied { format!(" ({NO_ACCESS})") } else { String::new() };
+    for ProbeListItem {
+        info,
+        accessibility,
+    } in probes
+    {
+        let note = if accessibility == Accessibility::PermissionDenied {
+            format!(" ({NO_ACCESS})")
+        } else {
+            String::new()
+        };
         println!("{info}{note}");
     }
     Ok(())
 }
 
 fn none_found() -> String {
-    "no debug probe was found: is the board's USB cable (ST-LINK, CN1) in, and does it carry data?".into()
+    "no debug probe was found: is the board's USB cable (ST-LINK, CN1) in, and does it carry data?"
+        .into()
 }
 
 /// The one probe of those that are there which is meant.
@@ -45,7 +54,11 @@ fn choose<P>(mut probes: Vec<P>, name: impl Fn(&P) -> String) -> Result<P> {
         1 => Ok(probes.remove(0)),
         _ => {
             let names: Vec<String> = probes.iter().map(name).collect();
-            Err(format!("{} debug probes are here: {}; say which with --probe=VID:PID:SERIAL", names.len(), names.join(", ")))
+            Err(format!(
+                "{} debug probes are here: {}; say which with --probe=VID:PID:SERIAL",
+                names.len(),
+                names.join(", ")
+            ))
         }
     }
 }
@@ -59,20 +72,31 @@ pub fn connect(selector: Option<&str>) -> Result<Session> {
     let lister = Lister::new();
     let wanted = match selector {
         Some(text) => {
-            let wrong = |_| format!("--probe={text}: expected VID:PID or VID:PID:SERIAL, as `hysteron-probe list` shows them");
+            let wrong = |_| {
+                format!(
+                    "--probe={text}: expected VID:PID or VID:PID:SERIAL, as `hysteron-probe list` shows them"
+                )
+            };
             Some(text.parse::<DebugProbeSelector>().map_err(wrong)?)
         }
         None => None,
     };
     let probes = lister.list_with_access(wanted.as_ref());
     if let (Some(text), true) = (selector, probes.is_empty()) {
-        return Err(format!("no debug probe {text} was found; `hysteron-probe list` shows those that are here"));
+        return Err(format!(
+            "no debug probe {text} was found; `hysteron-probe list` shows those that are here"
+        ));
     }
-    let ProbeListItem { info, accessibility } = choose(probes, |probe| probe.info.to_string())?;
+    let ProbeListItem {
+        info,
+        accessibility,
+    } = choose(probes, |probe| probe.info.to_string())?;
     if accessibility == Accessibility::PermissionDenied {
         return Err(format!("{info}: {NO_ACCESS}"));
     }
-    let probe = lister.open(&info).map_err(|error| format!("{info}: cannot be opened: {}", whole(&error)))?;
+    let probe = lister
+        .open(&info)
+        .map_err(|error| format!("{info}: cannot be opened: {}", whole(&error)))?;
     let mut session = probe.attach(CHIP, Permissions::default()).map_err(|error| {
         format!("no STM32H743ZI answers behind {info}: {}; is the board powered, and no other debugger attached?", whole(&error))
     })?;
@@ -83,7 +107,8 @@ pub fn connect(selector: Option<&str>) -> Result<Session> {
 }
 
 fn register(core: &mut Core, address: u64) -> Result<u32> {
-    core.read_word_32(address).map_err(|error| format!("the chip does not give {address:#010x}: {}", whole(&error)))
+    core.read_word_32(address)
+        .map_err(|error| format!("the chip does not give {address:#010x}: {}", whole(&error)))
 }
 
 fn right_chip(core: &mut Core) -> Result<()> {
@@ -97,7 +122,9 @@ fn identified(identity: u32) -> Result<()> {
     if device == DEVICE {
         return Ok(());
     }
-    Err(format!("the chip calls itself device {device:#05x}; expected {DEVICE:#05x}, an STM32H743. Nothing was written"))
+    Err(format!(
+        "the chip calls itself device {device:#05x}; expected {DEVICE:#05x}, an STM32H743. Nothing was written"
+    ))
 }
 
 /// Whether its flash can be read and written.
@@ -118,28 +145,51 @@ mod tests {
     #[test]
     fn one_probe_is_taken_and_with_several_all_are_named() {
         let name = |probe: &&str| (*probe).to_string();
-        assert!(choose(Vec::<&str>::new(), name).expect_err("none").contains("no debug probe"));
+        assert!(
+            choose(Vec::<&str>::new(), name)
+                .expect_err("none")
+                .contains("no debug probe")
+        );
         assert_eq!(choose(vec!["a"], name), Ok("a"));
         let several = choose(vec!["ST-Link 1", "ST-Link 2"], name).expect_err("two");
-        assert!(several.contains("ST-Link 1, ST-Link 2") && several.contains("--probe"), "{several}");
+        assert!(
+            several.contains("ST-Link 1, ST-Link 2") && several.contains("--probe"),
+            "{several}"
+        );
     }
 
     #[test]
     fn another_chip_and_a_locked_one_are_named() {
         // Revision V of an STM32H743, and an STM32F767.
         assert_eq!(identified(0x2003_6450), Ok(()));
-        assert!(identified(0x1000_6451).expect_err("another").contains("0x451"));
+        assert!(
+            identified(0x1000_6451)
+                .expect_err("another")
+                .contains("0x451")
+        );
         assert_eq!(unprotected(0x1406_AAF0), Ok(()));
         for level in [0x55, 0xCC, 0x00] {
-            assert!(unprotected(0x1406_00F0 | level << 8).expect_err("locked").contains("read-protected"), "{level:#x}");
+            assert!(
+                unprotected(0x1406_00F0 | level << 8)
+                    .expect_err("locked")
+                    .contains("read-protected"),
+                "{level:#x}"
+            );
         }
     }
 
     #[test]
     fn a_selector_that_is_none_is_refused_before_a_probe_is_looked_for() {
-        let refused = connect(Some("the blue one")).map(drop).expect_err("no selector");
-        assert!(refused.contains("the blue one") && refused.contains("VID:PID"), "{refused}");
-        let missing = connect(Some("ffff:ffff:none")).map(drop).expect_err("no such probe");
+        let refused = connect(Some("the blue one"))
+            .map(drop)
+            .expect_err("no selector");
+        assert!(
+            refused.contains("the blue one") && refused.contains("VID:PID"),
+            "{refused}"
+        );
+        let missing = connect(Some("ffff:ffff:none"))
+            .map(drop)
+            .expect_err("no such probe");
         assert!(missing.contains("ffff:ffff:none"), "{missing}");
     }
 }

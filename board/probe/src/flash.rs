@@ -2,7 +2,10 @@
 
 use crate::{Result, chip, image, whole};
 use probe_rs::Session;
-use probe_rs::flashing::{DownloadOptions, ElfOptions, FlashProgress, ProgressEvent, ProgressOperation, download_file_with_options};
+use probe_rs::flashing::{
+    DownloadOptions, ElfOptions, FlashProgress, ProgressEvent, ProgressOperation,
+    download_file_with_options,
+};
 use std::path::{Path, PathBuf};
 
 /// Which boot stage goes with the image.
@@ -25,7 +28,10 @@ impl BootStage {
             Self::Kept => Ok(None),
             Self::File(file) => Ok(Some(file)),
             Self::Beside => {
-                let found = BOOT_STAGES.map(|name| image.with_file_name(name)).into_iter().find(|file| file.is_file());
+                let found = BOOT_STAGES
+                    .map(|name| image.with_file_name(name))
+                    .into_iter()
+                    .find(|file| file.is_file());
                 found.map(Some).ok_or_else(|| {
                     let place = image.with_file_name(BOOT_STAGES[0]);
                     format!(
@@ -40,25 +46,45 @@ impl BootStage {
 }
 
 /// Looks at boot stage and image, then at the chip, writes, and reads back what was written.
-pub fn flash(path: &Path, boot_stage: BootStage, dry_run: bool, selector: Option<&str>) -> Result<()> {
+pub fn flash(
+    path: &Path,
+    boot_stage: BootStage,
+    dry_run: bool,
+    selector: Option<&str>,
+) -> Result<()> {
     let (image, _) = image::read(path)?;
     let boot_stage = boot_stage.file(path)?;
     if let Some(file) = &boot_stage {
         let bytes = image::read_boot_stage(file)?;
-        println!("{}: {} KiB, the boot stage", file.display(), bytes.div_ceil(1024));
+        println!(
+            "{}: {} KiB, the boot stage",
+            file.display(),
+            bytes.div_ceil(1024)
+        );
     }
     let kib = image.flash_bytes.div_ceil(1024);
-    println!("{}: {kib} KiB up to {:#010x}; the parameter blocks are not touched", path.display(), image.flash_end);
+    println!(
+        "{}: {kib} KiB up to {:#010x}; the parameter blocks are not touched",
+        path.display(),
+        image.flash_end
+    );
     if dry_run {
         return Ok(());
     }
     let mut session = chip::connect(selector)?;
-    println!("the board is reset, so that its drive goes to rest, and stands still until the image has been written");
+    println!(
+        "the board is reset, so that its drive goes to rest, and stands still until the image has been written"
+    );
     for file in boot_stage.iter().map(PathBuf::as_path).chain([path]) {
         write(&mut session, file)?;
     }
     let mut core = session.core(0).map_err(|error| whole(&error))?;
-    core.reset().map_err(|error| format!("the image was written, but the board did not restart: {}", whole(&error)))?;
+    core.reset().map_err(|error| {
+        format!(
+            "the image was written, but the board did not restart: {}",
+            whole(&error)
+        )
+    })?;
     println!("written, read back and the same; the board has restarted and rests");
     Ok(())
 }
@@ -77,7 +103,17 @@ fn write(session: &mut Session, file: &Path) -> Result<()> {
             println!("  {what}");
         }
     });
-    download_file_with_options(session, file, probe_rs::flashing::ElfLoader(ElfOptions::default()), options).map_err(|error| {
-        format!("{} was not written whole: {}; the board may not start now, flash it again", file.display(), whole(&error))
+    download_file_with_options(
+        session,
+        file,
+        probe_rs::flashing::ElfLoader(ElfOptions::default()),
+        options,
+    )
+    .map_err(|error| {
+        format!(
+            "{} was not written whole: {}; the board may not start now, flash it again",
+            file.display(),
+            whole(&error)
+        )
     })
 }

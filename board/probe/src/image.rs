@@ -51,14 +51,18 @@ pub fn read_boot_stage(path: &Path) -> Result<u64> {
     let named = path.display();
     let bytes = std::fs::read(path).map_err(|error| format!("{named}: {error}"))?;
     let wanted = "expected the boot stage that `cargo xtask firmware` builds";
-    let loaded = parse(&bytes, wanted).and_then(|file| Loaded::of(&file, &bytes, &BOOT_FLASH, "the boot stage's flash", wanted));
+    let loaded = parse(&bytes, wanted)
+        .and_then(|file| Loaded::of(&file, &bytes, &BOOT_FLASH, "the boot stage's flash", wanted));
     Ok(loaded.map_err(|what| format!("{named}: {what}"))?.bytes)
 }
 
 fn parse<'d>(bytes: &'d [u8], wanted: &str) -> Result<ElfFile32<'d>> {
-    let file: ElfFile32 = ElfFile32::parse(bytes).map_err(|_| format!("is no 32-bit ELF file; {wanted}"))?;
+    let file: ElfFile32 =
+        ElfFile32::parse(bytes).map_err(|_| format!("is no 32-bit ELF file; {wanted}"))?;
     if file.elf_header().e_machine(file.endian()) != EM_ARM {
-        return Err(format!("is for another processor than an Arm Cortex-M; {wanted}"));
+        return Err(format!(
+            "is for another processor than an Arm Cortex-M; {wanted}"
+        ));
     }
     Ok(file)
 }
@@ -73,32 +77,57 @@ struct Loaded {
 
 impl Loaded {
     /// Segments that all stay within a range of the flash, with vectors at its beginning.
-    fn of(file: &ElfFile32, content: &[u8], flash: &Range<u64>, named: &str, wanted: &str) -> Result<Self> {
+    fn of(
+        file: &ElfFile32,
+        content: &[u8],
+        flash: &Range<u64>,
+        named: &str,
+        wanted: &str,
+    ) -> Result<Self> {
         let endian = file.endian();
-        let mut loaded = Self { bytes: 0, end: flash.start, is_ours: false };
+        let mut loaded = Self {
+            bytes: 0,
+            end: flash.start,
+            is_ours: false,
+        };
         let mut head = None;
         for segment in file.elf_program_headers() {
-            let (address, length) = (u64::from(segment.p_paddr(endian)), u64::from(segment.p_filesz(endian)));
+            let (address, length) = (
+                u64::from(segment.p_paddr(endian)),
+                u64::from(segment.p_filesz(endian)),
+            );
             if segment.p_type(endian) != PT_LOAD || length == 0 {
                 continue;
             }
             let end = address + length;
             if address < flash.start || end > flash.end {
                 let range = format!("{:#010x} to {:#010x}", flash.start, flash.end);
-                return Err(format!("would be written to {address:#010x}..{end:#010x}; {named} of an STM32H743ZI is {range}"));
+                return Err(format!(
+                    "would be written to {address:#010x}..{end:#010x}; {named} of an STM32H743ZI is {range}"
+                ));
             }
-            let data = segment.data(endian, content).map_err(|()| "is cut off: a segment reaches beyond the file".to_string())?;
+            let data = segment
+                .data(endian, content)
+                .map_err(|()| "is cut off: a segment reaches beyond the file".to_string())?;
             if address == flash.start {
                 head = data.first_chunk::<8>().copied();
             }
-            loaded.is_ours |= data.windows(IDENTIFICATION.len()).any(|window| window == IDENTIFICATION);
+            loaded.is_ours |= data
+                .windows(IDENTIFICATION.len())
+                .any(|window| window == IDENTIFICATION);
             loaded.bytes += length;
             loaded.end = loaded.end.max(end);
         }
         let Some([a, b, c, d, e, f, g, h]) = head else {
-            return Err(format!("has no vector table at {:#010x}; {wanted}", flash.start));
+            return Err(format!(
+                "has no vector table at {:#010x}; {wanted}",
+                flash.start
+            ));
         };
-        let (stack, reset) = (u64::from(u32::from_le_bytes([a, b, c, d])), u64::from(u32::from_le_bytes([e, f, g, h])));
+        let (stack, reset) = (
+            u64::from(u32::from_le_bytes([a, b, c, d])),
+            u64::from(u32::from_le_bytes([e, f, g, h])),
+        );
         if !STACKS.contains(&stack) || reset & 1 == 0 || !flash.contains(&reset) {
             return Err(format!(
                 "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which is not for a NUCLEO-H743ZI2; {wanted}"
@@ -113,11 +142,22 @@ pub fn inspect(bytes: &[u8]) -> Result<Image> {
     const WANTED: &str = "expected the image that `cargo xtask firmware` builds";
     let file = parse(bytes, WANTED)?;
     let loaded = Loaded::of(&file, bytes, &PROGRAM_FLASH, "the program's flash", WANTED)?;
-    let has_log_table = file.section_by_name(".defmt").is_some_and(|section| section.size() > 0);
-    let log = file.symbols().find(|symbol| symbol.name() == Ok(CONTROL_BLOCK)).map(|symbol| symbol.address());
+    let has_log_table = file
+        .section_by_name(".defmt")
+        .is_some_and(|section| section.size() > 0);
+    let log = file
+        .symbols()
+        .find(|symbol| symbol.name() == Ok(CONTROL_BLOCK))
+        .map(|symbol| symbol.address());
     match log {
-        Some(log_address) if loaded.is_ours && has_log_table => Ok(Image { flash_bytes: loaded.bytes, flash_end: loaded.end, log_address }),
-        _ => Err(format!("is a program for a Cortex-M, but none of this project; {WANTED}")),
+        Some(log_address) if loaded.is_ours && has_log_table => Ok(Image {
+            flash_bytes: loaded.bytes,
+            flash_end: loaded.end,
+            log_address,
+        }),
+        _ => Err(format!(
+            "is a program for a Cortex-M, but none of this project; {WANTED}"
+        )),
     }
 }
 
@@ -168,12 +208,24 @@ mod tests {
             (elf(62, 0x0802_0000, &good), "another processor"),
             (elf(EM_ARM, 0x081C_0000, &good), "0x081c0000"),
             (elf(EM_ARM, 0x0807_FFFC, &good), "0x0807fffc..0x08080004"),
-            (elf(EM_ARM, 0x2000_0000, &good), "would be written to 0x20000000"),
+            (
+                elf(EM_ARM, 0x2000_0000, &good),
+                "would be written to 0x20000000",
+            ),
             (elf(EM_ARM, 0x0802_0400, &good), "no vector table"),
-            (elf(EM_ARM, 0x0802_0000, &vectors(0x1000_0000, 0x0802_0401)), "not for a NUCLEO-H743ZI2"),
+            (
+                elf(EM_ARM, 0x0802_0000, &vectors(0x1000_0000, 0x0802_0401)),
+                "not for a NUCLEO-H743ZI2",
+            ),
             // The NUCLEO-G474RE's: it would drive the pins of another board.
-            (elf(EM_ARM, 0x0802_0000, &vectors(0x2001_3000, 0x0802_0401)), "not for a NUCLEO-H743ZI2"),
-            (elf(EM_ARM, 0x0802_0000, &vectors(0x2002_0000, 0x0802_0400)), "not for a NUCLEO-H743ZI2"),
+            (
+                elf(EM_ARM, 0x0802_0000, &vectors(0x2001_3000, 0x0802_0401)),
+                "not for a NUCLEO-H743ZI2",
+            ),
+            (
+                elf(EM_ARM, 0x0802_0000, &vectors(0x2002_0000, 0x0802_0400)),
+                "not for a NUCLEO-H743ZI2",
+            ),
             (elf(EM_ARM, 0x0802_0000, &good), "none of this project"),
             (cut, "cut off"),
         ] {
@@ -184,24 +236,46 @@ mod tests {
 
     #[test]
     fn the_image_of_this_checkout_is_taken_and_no_part_of_it_is() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware");
         if !path.is_file() {
-            println!("skipped: `cargo xtask firmware` has not built {}", path.display());
+            println!(
+                "skipped: `cargo xtask firmware` has not built {}",
+                path.display()
+            );
             return;
         }
         let other = path.with_file_name("hysteron-firmware-nucleo-g474re");
         if other.is_file() {
-            assert!(read(&other).expect_err("another board's").contains("the program's flash"));
+            assert!(
+                read(&other)
+                    .expect_err("another board's")
+                    .contains("the program's flash")
+            );
         }
         let stage = path.with_file_name("hysteron-boot-stage");
         if stage.is_file() {
             assert!(read_boot_stage(&stage).expect("a boot stage") < 128 * 1024);
-            assert!(read(&stage).expect_err("no program").contains("the program's flash"));
-            assert!(read_boot_stage(&path).expect_err("no boot stage").contains("the boot stage's flash"));
+            assert!(
+                read(&stage)
+                    .expect_err("no program")
+                    .contains("the program's flash")
+            );
+            assert!(
+                read_boot_stage(&path)
+                    .expect_err("no boot stage")
+                    .contains("the boot stage's flash")
+            );
         }
         let (image, bytes) = read(&path).expect("an image");
-        assert!(image.flash_bytes > 100_000 && image.flash_end <= PROGRAM_FLASH.end, "{image:?}");
-        assert!((0x2000_0000..0x2408_0000).contains(&image.log_address), "{image:?}");
+        assert!(
+            image.flash_bytes > 100_000 && image.flash_end <= PROGRAM_FLASH.end,
+            "{image:?}"
+        );
+        assert!(
+            (0x2000_0000..0x2408_0000).contains(&image.log_address),
+            "{image:?}"
+        );
         for length in [10, 60, 1000, bytes.len() / 2] {
             assert!(inspect(&bytes[..length]).is_err(), "{length}");
         }

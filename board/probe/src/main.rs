@@ -112,12 +112,37 @@ fn whole(error: &dyn std::error::Error) -> String {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
-        Command::Flash { image, boot_stage, keep_boot_stage, dry_run, which } => {
-            let kept = if keep_boot_stage { BootStage::Kept } else { BootStage::Beside };
-            flash::flash(&image, boot_stage.map_or(kept, BootStage::File), dry_run, which.selector())
+        Command::Flash {
+            image,
+            boot_stage,
+            keep_boot_stage,
+            dry_run,
+            which,
+        } => {
+            let kept = if keep_boot_stage {
+                BootStage::Kept
+            } else {
+                BootStage::Beside
+            };
+            flash::flash(
+                &image,
+                boot_stage.map_or(kept, BootStage::File),
+                dry_run,
+                which.selector(),
+            )
         }
-        Command::Attach { image, restart, raw, which } => log::attach(&image, restart, raw.as_deref(), which.selector()),
-        Command::Record { image, raw, ticks, which } => record::record(&image, &raw, ticks, which.selector()),
+        Command::Attach {
+            image,
+            restart,
+            raw,
+            which,
+        } => log::attach(&image, restart, raw.as_deref(), which.selector()),
+        Command::Record {
+            image,
+            raw,
+            ticks,
+            which,
+        } => record::record(&image, &raw, ticks, which.selector()),
         Command::List => chip::list(),
     };
     match done {

@@ -62,7 +62,11 @@ pub enum Next {
 impl Conversation {
     /// Before the board's first message; the drive lasts so many ticks.
     pub fn new(ticks: u32) -> Self {
-        Self { stage: Stage::Starting, ticks, traces: 0 }
+        Self {
+            stage: Stage::Starting,
+            ticks,
+            traces: 0,
+        }
     }
 
     /// Hears a message of the log.
@@ -71,7 +75,9 @@ impl Conversation {
     /// The board refused something or stopped with a fault, or nothing of the drive was traced.
     pub fn hear(&mut self, message: &str) -> Result<Next> {
         if let Some(fault) = message.strip_prefix("mode fault: ") {
-            return Err(format!("the board has stopped: {fault}; nothing was recorded"));
+            return Err(format!(
+                "the board has stopped: {fault}; nothing was recorded"
+            ));
         }
         if self.stage != Stage::Starting
             && let Some(reason) = message.strip_prefix("refused")
@@ -81,21 +87,32 @@ impl Conversation {
         let is_trace = message.starts_with("trace [");
         let (stage, next) = match self.stage {
             Stage::Starting if message.starts_with("converters ") => (Stage::Resting, Next::Listen),
-            Stage::Resting if message == "mode rest" => (Stage::Arming(false), Next::Say("arm".into())),
-            Stage::Arming(_) if message == "mode playing" => (Stage::Arming(true), Next::Listen),
-            Stage::Arming(true) if message == "mode rest" => (Stage::Conditioning(false), Next::Say("condition".into())),
-            Stage::Conditioning(_) if message == "mode playing" => (Stage::Conditioning(true), Next::Listen),
-            Stage::Conditioning(true) if message == "mode rest" => {
-                (Stage::Identifying(false), Next::Say(format!("identify {}", self.ticks)))
+            Stage::Resting if message == "mode rest" => {
+                (Stage::Arming(false), Next::Say("arm".into()))
             }
-            Stage::Identifying(_) if message == "mode playing" => (Stage::Identifying(true), Next::Listen),
+            Stage::Arming(_) if message == "mode playing" => (Stage::Arming(true), Next::Listen),
+            Stage::Arming(true) if message == "mode rest" => {
+                (Stage::Conditioning(false), Next::Say("condition".into()))
+            }
+            Stage::Conditioning(_) if message == "mode playing" => {
+                (Stage::Conditioning(true), Next::Listen)
+            }
+            Stage::Conditioning(true) if message == "mode rest" => (
+                Stage::Identifying(false),
+                Next::Say(format!("identify {}", self.ticks)),
+            ),
+            Stage::Identifying(_) if message == "mode playing" => {
+                (Stage::Identifying(true), Next::Listen)
+            }
             Stage::Identifying(true) if message == "mode rest" => (Stage::Ending(0), Next::Listen),
             Stage::Identifying(true) if is_trace => {
                 self.traces += 1;
                 (self.stage, Next::Listen)
             }
             Stage::Ending(TRACES_BEHIND) if self.traces == 0 => {
-                return Err("nothing of the drive came over the probe; nothing was recorded".into());
+                return Err(
+                    "nothing of the drive came over the probe; nothing was recorded".into(),
+                );
             }
             Stage::Ending(TRACES_BEHIND) => (self.stage, Next::Done),
             Stage::Ending(since) if is_trace => (Stage::Ending(since + 1), Next::Listen),
@@ -117,19 +134,30 @@ pub fn record(path: &Path, raw: &Path, ticks: u32, selector: Option<&str>) -> Re
     require_new(raw)?;
     let ended = Arc::new(AtomicBool::new(false));
     let at_end = Arc::clone(&ended);
-    ctrlc::set_handler(move || at_end.store(true, Ordering::SeqCst)).map_err(|error| format!("Ctrl-C cannot be listened to: {error}"))?;
+    ctrlc::set_handler(move || at_end.store(true, Ordering::SeqCst))
+        .map_err(|error| format!("Ctrl-C cannot be listened to: {error}"))?;
     let mut session = chip::connect(selector)?;
     let mut core = session.core(0).map_err(|error| whole(&error))?;
-    core.reset().map_err(|error| format!("the board does not restart: {}", whole(&error)))?;
+    core.reset()
+        .map_err(|error| format!("the board does not restart: {}", whole(&error)))?;
     let mut rtt = meet(&mut core, image.log_address, &ended)?;
     let (mut log, mut piece) = (Vec::new(), vec![0; PIECE]);
-    let (mut decoder, mut conversation, mut heard) = (table.new_stream_decoder(), Conversation::new(ticks), Instant::now());
+    let (mut decoder, mut conversation, mut heard) = (
+        table.new_stream_decoder(),
+        Conversation::new(ticks),
+        Instant::now(),
+    );
     let mut listen = || -> Result<bool> {
         if ended.load(Ordering::SeqCst) {
             return Err("ended; nothing was recorded".into());
         }
-        let up = rtt.up_channels().first_mut().ok_or("the board has no log channel")?;
-        let count = up.read(&mut core, &mut piece).map_err(|error| format!("the board is gone: {}", whole(&error)))?;
+        let up = rtt
+            .up_channels()
+            .first_mut()
+            .ok_or("the board has no log channel")?;
+        let count = up
+            .read(&mut core, &mut piece)
+            .map_err(|error| format!("the board is gone: {}", whole(&error)))?;
         let came = piece.get(..count).unwrap_or_default();
         log.extend_from_slice(came);
         decoder.received(came);
@@ -172,11 +200,21 @@ pub fn record(path: &Path, raw: &Path, ticks: u32, selector: Option<&str>) -> Re
 
 /// Nothing stands there yet, and something can.
 fn require_new(path: &Path) -> Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     if path.exists() {
-        Err(format!("{}: exists; expected the name of a new file", path.display()))
+        Err(format!(
+            "{}: exists; expected the name of a new file",
+            path.display()
+        ))
     } else if !folder.is_dir() {
-        Err(format!("{}: {} is no folder", path.display(), folder.display()))
+        Err(format!(
+            "{}: {} is no folder",
+            path.display(),
+            folder.display()
+        ))
     } else {
         Ok(())
     }
@@ -238,7 +276,14 @@ mod tests {
                 Next::Done => panic!("too early, at {message}"),
             }
         }
-        assert_eq!(said, [(4, "arm".to_string()), (8, "condition".to_string()), (12, "identify 100000".to_string())]);
+        assert_eq!(
+            said,
+            [
+                (4, "arm".to_string()),
+                (8, "condition".to_string()),
+                (12, "identify 100000".to_string())
+            ]
+        );
         assert_eq!(conversation.hear("trace [7]"), Ok(Next::Listen));
         assert_eq!(conversation.hear("trace [8]"), Ok(Next::Done));
     }
@@ -247,20 +292,34 @@ mod tests {
     fn whatever_goes_wrong_ends_it() {
         let after = |count: usize, message: &str| {
             let mut conversation = Conversation::new(100_000);
-            LOG.iter().take(count).for_each(|message| assert!(conversation.hear(message).is_ok()));
+            LOG.iter()
+                .take(count)
+                .for_each(|message| assert!(conversation.hear(message).is_ok()));
             conversation.hear(message)
         };
         for count in 4..LOG.len() {
-            assert!(after(count, "mode fault: sensor out of range").is_err_and(|problem| problem.contains("sensor out of range")));
-            assert!(after(count, "refused at tick 7: only at rest").is_err_and(|problem| problem.contains("only at rest")));
+            assert!(
+                after(count, "mode fault: sensor out of range")
+                    .is_err_and(|problem| problem.contains("sensor out of range"))
+            );
+            assert!(
+                after(count, "refused at tick 7: only at rest")
+                    .is_err_and(|problem| problem.contains("only at rest"))
+            );
             if count > 4 {
-                assert!(after(count, "converters 1 2 3").is_err_and(|problem| problem.contains("restarted")), "{count}");
+                assert!(
+                    after(count, "converters 1 2 3")
+                        .is_err_and(|problem| problem.contains("restarted")),
+                    "{count}"
+                );
             }
         }
         assert!(after(3, "mode fault: parameter block").is_err());
         // A log of which the drive's part was lost is no record.
         let mut conversation = Conversation::new(100_000);
-        LOG.iter().filter(|message| **message != "trace [3]").for_each(|message| assert!(conversation.hear(message).is_ok()));
+        LOG.iter()
+            .filter(|message| **message != "trace [3]")
+            .for_each(|message| assert!(conversation.hear(message).is_ok()));
         assert_eq!(conversation.hear("trace [7]"), Ok(Next::Listen));
         assert!(conversation.hear("trace [8]").is_err());
     }
@@ -275,7 +334,11 @@ mod tests {
         assert_eq!(std::fs::read(&path).expect("a file"), b"abc");
         assert!(write_whole(&path, b"def").is_err_and(|problem| problem.contains("exists")));
         assert_eq!(std::fs::read(&path).expect("a file"), b"abc");
-        assert_eq!(std::fs::read_dir(&folder).expect("a folder").count(), 1, "nothing else is left");
+        assert_eq!(
+            std::fs::read_dir(&folder).expect("a folder").count(),
+            1,
+            "nothing else is left"
+        );
         assert!(require_new(&folder.join("none/log.rtt")).is_err());
         std::fs::remove_dir_all(&folder).expect("removed");
     }

@@ -42,14 +42,25 @@ impl DataArray {
     }
 
     /// A line of the header; `name` is that of a table.
-    pub fn write_header(&self, to: &mut impl Write, name: impl Fn(u8) -> &'static str) -> core::fmt::Result {
+    pub fn write_header(
+        &self,
+        to: &mut impl Write,
+        name: impl Fn(u8) -> &'static str,
+    ) -> core::fmt::Result {
         match self.sent {
             0 => write!(to, "# REM Hysteron"),
             1 => write!(to, "# VERSION = 1"),
             2 => write!(to, "# TYPE = 1"),
             3 => write!(to, "# SEPARATOR = 32"),
             4 => write!(to, "# DIM = {}", self.tables.len()),
-            5 => write!(to, "# SAMPLE_TIME = {}", Decimal { billionths: self.sample_time, digits: 9 }),
+            5 => write!(
+                to,
+                "# SAMPLE_TIME = {}",
+                Decimal {
+                    billionths: self.sample_time,
+                    digits: 9
+                }
+            ),
             6 => write!(to, "# NDATA = {}", self.count),
             nth => match self.tables.get(nth.saturating_sub(FIXED_LINES) as usize) {
                 Some(table) => write!(to, "# NAME{} = {}", nth - FIXED_LINES, name(*table)),

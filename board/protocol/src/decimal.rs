@@ -23,7 +23,10 @@ pub fn billionths(text: &str) -> Option<i64> {
         match byte {
             b'0'..=b'9' => {
                 any = true;
-                match mantissa.checked_mul(10).and_then(|tens| tens.checked_add(i64::from(byte - b'0'))) {
+                match mantissa
+                    .checked_mul(10)
+                    .and_then(|tens| tens.checked_add(i64::from(byte - b'0')))
+                {
                     Some(next) => {
                         mantissa = next;
                         scale = scale.saturating_sub(i32::from(behind_point));
@@ -41,7 +44,11 @@ pub fn billionths(text: &str) -> Option<i64> {
             _ => return None,
         }
     }
-    let value = if any { scaled(mantissa, scale)? } else { return None };
+    let value = if any {
+        scaled(mantissa, scale)?
+    } else {
+        return None;
+    };
     Some(if negative { -value } else { value })
 }
 
@@ -53,7 +60,11 @@ fn scaled(mantissa: i64, scale: i32) -> Option<i64> {
     }
     let divisions = scale.saturating_neg().clamp(0, MOST_EXPONENT);
     for nth in 1..=divisions {
-        value = if nth == divisions { value / 10 + i64::from(value % 10 >= 5) } else { value / 10 };
+        value = if nth == divisions {
+            value / 10 + i64::from(value % 10 >= 5)
+        } else {
+            value / 10
+        };
     }
     Some(value)
 }
@@ -63,7 +74,9 @@ fn scaled(mantissa: i64, scale: i32) -> Option<i64> {
 #[must_use]
 pub fn from_wide(value: i64, fraction_bits: u32) -> i64 {
     let (whole, part) = (value >> fraction_bits, value & ((1 << fraction_bits) - 1));
-    whole.saturating_mul(ONE).saturating_add((part * ONE) >> fraction_bits)
+    whole
+        .saturating_mul(ONE)
+        .saturating_add((part * ONE) >> fraction_bits)
 }
 
 /// Billionths as a fixed-point number of so many fraction bits, rounded; `None` where it has no room.
@@ -81,7 +94,9 @@ pub fn to_fixed(billionths: i64, fraction_bits: u32) -> Option<i32> {
 /// A fixed-point number of so many fraction bits in billionths, rounded.
 #[must_use]
 pub fn from_fixed(value: i32, fraction_bits: u32) -> i64 {
-    let half = 1i64.checked_shl(fraction_bits.saturating_sub(1)).unwrap_or(0);
+    let half = 1i64
+        .checked_shl(fraction_bits.saturating_sub(1))
+        .unwrap_or(0);
     (i64::from(value) * ONE + half) >> fraction_bits
 }
 
@@ -98,7 +113,11 @@ impl fmt::Display for Decimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = self.digits.clamp(1, 9);
         let unit = 10i64.pow(9 - digits);
-        let rounded = self.billionths.unsigned_abs().saturating_add(unit.unsigned_abs() / 2) / unit.unsigned_abs();
+        let rounded = self
+            .billionths
+            .unsigned_abs()
+            .saturating_add(unit.unsigned_abs() / 2)
+            / unit.unsigned_abs();
         let (whole, part) = (rounded / 10u64.pow(digits), rounded % 10u64.pow(digits));
         if self.billionths < 0 && rounded != 0 {
             f.write_char('-')?;

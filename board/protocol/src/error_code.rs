@@ -86,8 +86,11 @@ impl ErrorCode {
     #[must_use]
     pub fn of_refusal(refusal: Refusal, fault: Option<Fault>) -> Self {
         match (refusal, fault) {
-            (Refusal::Faulted | Refusal::NotYetHealthy, Some(Fault::TrackingError)) => Self::TrackingError,
-            (Refusal::Faulted | Refusal::NotYetHealthy, Some(Fault::ParameterBlock)) | (Refusal::NoBlock, _) => Self::NoParameters,
+            (Refusal::Faulted | Refusal::NotYetHealthy, Some(Fault::TrackingError)) => {
+                Self::TrackingError
+            }
+            (Refusal::Faulted | Refusal::NotYetHealthy, Some(Fault::ParameterBlock))
+            | (Refusal::NoBlock, _) => Self::NoParameters,
             (Refusal::Faulted | Refusal::NotYetHealthy, _) => Self::Fault,
             (Refusal::NotAtRest, _) => Self::InMotion,
             (Refusal::NotConditioned, _) => Self::ServoIsOff,

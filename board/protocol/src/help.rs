@@ -22,7 +22,8 @@ pub const RECORDER: &[&str] = &[
 ];
 
 /// The first line of `HPA?`.
-pub const PARAMETERS: &str = "#Valid parameters: identifier, command level, items, data type, group, description";
+pub const PARAMETERS: &str =
+    "#Valid parameters: identifier, command level, items, data type, group, description";
 /// The first line of `HLP?`.
 pub const COMMANDS: &str = "The following commands are valid:";
 

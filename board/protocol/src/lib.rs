@@ -43,7 +43,11 @@ pub const IS_GENERATING: u8 = 9;
 
 /// Commands of one byte, and which lines stop the amplifier: `STP` (`#24` does in every dialect). They are
 /// answered in their turn.
-pub const DIALECT: Dialect = Dialect { is_stop, single_bytes: &[IS_MOVING, IS_READY, IS_GENERATING], stop_waits: true };
+pub const DIALECT: Dialect = Dialect {
+    is_stop,
+    single_bytes: &[IS_MOVING, IS_READY, IS_GENERATING],
+    stop_waits: true,
+};
 
 /// The lines of this protocol that have come and wait.
 pub type Lines = CommandLines<LINE_BYTES, STORE_BYTES>;

@@ -215,19 +215,29 @@ type Handler<D> = fn(&mut Session<D>, &mut Words<'_>) -> Result<(), ErrorCode>;
 
 /// A number of micrometres as it is written.
 fn micrometres(value: i32) -> Decimal {
-    Decimal { billionths: from_fixed(value, MICROMETRE_FRACTION_BITS), digits: 6 }
+    Decimal {
+        billionths: from_fixed(value, MICROMETRE_FRACTION_BITS),
+        digits: 6,
+    }
 }
 
 /// A number of volts as it is written.
 fn volts(value: i32) -> Decimal {
-    Decimal { billionths: from_fixed(value, VOLT_FRACTION_BITS), digits: 6 }
+    Decimal {
+        billionths: from_fixed(value, VOLT_FRACTION_BITS),
+        digits: 6,
+    }
 }
 
 impl<D: Device + 'static> Session<D> {
     /// For an amplifier with these parameters; `waves` is the memory of the wave tables, of which each of
     /// [`WAVE_TABLES`] has the same share.
     pub fn new(device: D, parameters: AmplifierParameters, waves: &'static [AtomicI32]) -> Self {
-        let span = to_fixed(i64::from(parameters.physical.sensor_span_nm) * 1_000_000, MICROMETRE_FRACTION_BITS).unwrap_or(0);
+        let span = to_fixed(
+            i64::from(parameters.physical.sensor_span_nm) * 1_000_000,
+            MICROMETRE_FRACTION_BITS,
+        )
+        .unwrap_or(0);
         // A thousandth of the span, and ten times the span in a second.
         let tolerance = (span / 1000).max(1);
         let mut this = Self {
@@ -253,7 +263,12 @@ impl<D: Device + 'static> Session<D> {
             trigger_point: 0,
             generator: Generator::Off,
             record_every: 1,
-            quantities: [Quantity::Target, Quantity::Position, Quantity::Error, Quantity::Voltage],
+            quantities: [
+                Quantity::Target,
+                Quantity::Position,
+                Quantity::Error,
+                Quantity::Voltage,
+            ],
             trigger: Trigger::Generator,
             filters: [FilterSetting::OFF; 2],
             parameters,
@@ -295,7 +310,9 @@ impl<D: Device + 'static> Session<D> {
         let line = core::str::from_utf8(line).map_err(|_| ErrorCode::UnknownCommand)?;
         let mut words = Words::of(line);
         let mnemonic = words.word()?;
-        let found = Self::COMMANDS.iter().find(|(name, _, _)| name.eq_ignore_ascii_case(mnemonic));
+        let found = Self::COMMANDS
+            .iter()
+            .find(|(name, _, _)| name.eq_ignore_ascii_case(mnemonic));
         let (name, _, handler) = found.ok_or(ErrorCode::UnknownCommand)?;
         if before_stop && !name.ends_with('?') {
             return Ok(());
@@ -329,13 +346,21 @@ impl<D: Device + 'static> Session<D> {
     /// Another line of the answer.
     fn say(&mut self, text: core::fmt::Arguments<'_>) -> Result<(), ErrorCode> {
         if !self.text.is_empty() {
-            self.text.extend_from_slice(b" \n").map_err(|_| ErrorCode::AnswerTooLong)?;
+            self.text
+                .extend_from_slice(b" \n")
+                .map_err(|_| ErrorCode::AnswerTooLong)?;
         }
-        self.text.write_fmt(text).map_err(|_| ErrorCode::AnswerTooLong)
+        self.text
+            .write_fmt(text)
+            .map_err(|_| ErrorCode::AnswerTooLong)
     }
 
     /// Says one value of the axis.
-    fn say_axis(&mut self, words: &mut Words<'_>, value: impl core::fmt::Display) -> Result<(), ErrorCode> {
+    fn say_axis(
+        &mut self,
+        words: &mut Words<'_>,
+        value: impl core::fmt::Display,
+    ) -> Result<(), ErrorCode> {
         words.queried_axis()?;
         self.say(format_args!("1={value}"))
     }
@@ -352,24 +377,50 @@ impl<D: Device + 'static> Session<D> {
             Pending::Help(nth) => {
                 let of_bytes = Self::SINGLE_BYTES.len();
                 let entry = nth.checked_sub(1).and_then(|nth| {
-                    let command = || Self::COMMANDS.get(nth - of_bytes).map(|(name, what, _)| (*name, *what));
-                    if nth < of_bytes { Self::SINGLE_BYTES.get(nth).copied() } else { command() }
+                    let command = || {
+                        Self::COMMANDS
+                            .get(nth - of_bytes)
+                            .map(|(name, what, _)| (*name, *what))
+                    };
+                    if nth < of_bytes {
+                        Self::SINGLE_BYTES.get(nth).copied()
+                    } else {
+                        command()
+                    }
                 });
                 let written = match (nth, entry) {
                     (0, _) => writeln!(piece, "{} ", help::COMMANDS),
                     (_, Some((name, what))) => writeln!(piece, "{name} - {what} "),
                     _ => writeln!(piece, "{}", help::END),
                 };
-                self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::Help(nth + 1) })
+                self.sent(
+                    written,
+                    if nth > 0 && entry.is_none() {
+                        Pending::Nothing
+                    } else {
+                        Pending::Help(nth + 1)
+                    },
+                )
             }
             Pending::ParameterHelp(nth) => {
-                let entry = nth.checked_sub(1).and_then(|nth| DeviceParameter::ALL.get(nth));
+                let entry = nth
+                    .checked_sub(1)
+                    .and_then(|nth| DeviceParameter::ALL.get(nth));
                 let written = match (nth, entry) {
                     (0, _) => writeln!(piece, "{} ", help::PARAMETERS),
-                    (_, Some((_, number, kind, what))) => writeln!(piece, "{number:#x}=\t0\t1\t{kind}\tHysteron\t{what} "),
+                    (_, Some((_, number, kind, what))) => {
+                        writeln!(piece, "{number:#x}=\t0\t1\t{kind}\tHysteron\t{what} ")
+                    }
                     _ => writeln!(piece, "{}", help::END),
                 };
-                self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::ParameterHelp(nth + 1) })
+                self.sent(
+                    written,
+                    if nth > 0 && entry.is_none() {
+                        Pending::Nothing
+                    } else {
+                        Pending::ParameterHelp(nth + 1)
+                    },
+                )
             }
             Pending::Parameters(nth) => self.next_parameter(nth, piece),
             Pending::DiagnosisHelp(nth) => {
@@ -379,22 +430,61 @@ impl<D: Device + 'static> Session<D> {
                     (_, Some(what)) => writeln!(piece, "{nth}={what} "),
                     _ => writeln!(piece, "{}", help::END),
                 };
-                self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::DiagnosisHelp(nth + 1) })
+                self.sent(
+                    written,
+                    if nth > 0 && entry.is_none() {
+                        Pending::Nothing
+                    } else {
+                        Pending::DiagnosisHelp(nth + 1)
+                    },
+                )
             }
             Pending::RecorderHelp(nth) => {
                 let line = help::RECORDER.get(nth).copied().unwrap_or(help::END);
                 let last = nth + 1 >= help::RECORDER.len();
                 let written = writeln!(piece, "{line}{}", if last { "" } else { " " });
-                self.sent(written, if last { Pending::Nothing } else { Pending::RecorderHelp(nth + 1) })
+                self.sent(
+                    written,
+                    if last {
+                        Pending::Nothing
+                    } else {
+                        Pending::RecorderHelp(nth + 1)
+                    },
+                )
             }
             Pending::Events(nth) => self.next_event(nth, piece),
             Pending::Update(step) => self.next_of_update(step),
-            Pending::Recorded(array) => self.send_array(array, piece, Pending::Recorded, Self::recorded_value, Self::recorded_name),
+            Pending::Recorded(array) => self.send_array(
+                array,
+                piece,
+                Pending::Recorded,
+                Self::recorded_value,
+                Self::recorded_name,
+            ),
             Pending::Codes { first, count } => self.send_codes(first, count, piece),
-            Pending::Wave(array) => self.send_array(array, piece, Pending::Wave, Self::wave_value, |_, _| "Wave table"),
-            Pending::Build { table, at, segment, done } => self.build(table, at, segment, done),
-            Pending::Commands { first, then, meaning } => {
-                self.pending = Pending::Commands { first, then, meaning };
+            Pending::Wave(array) => self.send_array(
+                array,
+                piece,
+                Pending::Wave,
+                Self::wave_value,
+                |_, _| "Wave table",
+            ),
+            Pending::Build {
+                table,
+                at,
+                segment,
+                done,
+            } => self.build(table, at, segment, done),
+            Pending::Commands {
+                first,
+                then,
+                meaning,
+            } => {
+                self.pending = Pending::Commands {
+                    first,
+                    then,
+                    meaning,
+                };
                 Step::Command(first)
             }
             Pending::Filters { left, new } => self.next_filter(left, new),
@@ -415,14 +505,24 @@ impl<D: Device + 'static> Session<D> {
     pub fn outcome(&mut self, outcome: Outcome) {
         let (then, meaning) = match core::mem::replace(&mut self.pending, Pending::Nothing) {
             Pending::Commands { then, meaning, .. } => (then, meaning),
-            Pending::Filters { left, new } if matches!(outcome, Outcome::Done(_)) => return self.filter_acted(left, new),
+            Pending::Filters { left, new } if matches!(outcome, Outcome::Done(_)) => {
+                return self.filter_acted(left, new);
+            }
             Pending::Filters { .. } => (None, Meaning::Nothing),
             _ => return,
         };
         match (outcome, then) {
-            (Outcome::Done(_), Some(first)) => self.pending = Pending::Commands { first, then: None, meaning },
+            (Outcome::Done(_), Some(first)) => {
+                self.pending = Pending::Commands {
+                    first,
+                    then: None,
+                    meaning,
+                }
+            }
             (Outcome::Done(tick), None) => self.take_note(tick, meaning),
-            (Outcome::Refused(refusal), _) => self.error = ErrorCode::of_refusal(refusal, self.device.view().fault) as u16,
+            (Outcome::Refused(refusal), _) => {
+                self.error = ErrorCode::of_refusal(refusal, self.device.view().fault) as u16
+            }
             (Outcome::NoRoom, _) => self.error = ErrorCode::Overrun as u16,
             // The stop itself is answered in its turn.
             (Outcome::Stopped, _) => {}
@@ -441,7 +541,11 @@ impl<D: Device + 'static> Session<D> {
                 self.generator = Generator::Off;
                 self.moving_until = None;
             }
-            Meaning::Move { from, target, ticks } => {
+            Meaning::Move {
+                from,
+                target,
+                ticks,
+            } => {
                 (self.from, self.target) = (from, target);
                 self.generator = Generator::Off;
                 self.moving_until = Some(until(ticks));
@@ -453,11 +557,14 @@ impl<D: Device + 'static> Session<D> {
             }
             Meaning::Wave { last, ticks } => {
                 (self.from, self.target) = (last, last);
-                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(until(ticks)));
+                self.generator =
+                    ticks.map_or(Generator::Endless, |ticks| Generator::Until(until(ticks)));
                 self.moving_until = None;
             }
             Meaning::DriveWave { ticks } => {
-                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick + u64::from(ticks)));
+                self.generator = ticks.map_or(Generator::Endless, |ticks| {
+                    Generator::Until(tick + u64::from(ticks))
+                });
                 self.moving_until = None;
             }
         }

@@ -59,19 +59,33 @@ impl Segment {
             Shape::Ramp => rounded(rise) && rounded(fall),
             Shape::Line => rounded(self.curve_length),
         };
-        let fits = self.start.checked_add(self.curve_length).is_some_and(|end| end <= self.length);
-        (1..MOST_POINTS).contains(&self.length) && self.curve_length > 0 && self.centre <= self.curve_length && fits && sides
+        let fits = self
+            .start
+            .checked_add(self.curve_length)
+            .is_some_and(|end| end <= self.length);
+        (1..MOST_POINTS).contains(&self.length)
+            && self.curve_length > 0
+            && self.centre <= self.curve_length
+            && fits
+            && sides
     }
 
     /// A point of the table.
     #[must_use]
     pub fn point(&self, nth: u32) -> i32 {
-        let Some(along) = nth.checked_sub(self.start) else { return self.offset };
+        let Some(along) = nth.checked_sub(self.start) else {
+            return self.offset;
+        };
         let share = match self.shape {
             Shape::Line => self.line(along, self.curve_length),
             _ if along >= self.curve_length => 0,
             _ if along < self.centre => self.rise(along, self.centre),
-            _ => ONE - self.rise(along - self.centre, self.curve_length.saturating_sub(self.centre)),
+            _ => {
+                ONE - self.rise(
+                    along - self.centre,
+                    self.curve_length.saturating_sub(self.centre),
+                )
+            }
         };
         let above = (i64::from(self.amplitude) * share) >> 30;
         i32::try_from(i64::from(self.offset) + above).unwrap_or(self.offset)
@@ -81,7 +95,9 @@ impl Segment {
     fn rise(&self, along: u32, length: u32) -> i64 {
         if self.shape == Shape::Sine {
             // (1 - cos(pi x)) / 2, and cos is the sine a quarter turn later.
-            let half_turn = (u64::from(along) << 31).checked_div(u64::from(length)).unwrap_or(0) as u32;
+            let half_turn = (u64::from(along) << 31)
+                .checked_div(u64::from(length))
+                .unwrap_or(0) as u32;
             return (ONE - i64::from(sine(half_turn.wrapping_add(1 << 30)))) / 2;
         }
         self.line(along, length)
@@ -89,7 +105,11 @@ impl Segment {
 
     /// A line with parabolic ends: the integral of a trapezium.
     fn line(&self, along: u32, length: u32) -> i64 {
-        let (x, n, s) = (i64::from(along.min(length)), i64::from(length), i64::from(self.speed_up));
+        let (x, n, s) = (
+            i64::from(along.min(length)),
+            i64::from(length),
+            i64::from(self.speed_up),
+        );
         // Twice the area of the whole trapezium times `s`, so that everything is whole.
         let parabola = |x: i64| (x * x * (ONE >> 1)).checked_div(s * (n - s)).unwrap_or(0);
         if x < s {
@@ -121,7 +141,9 @@ mod tests {
     };
 
     fn um(segment: &Segment) -> Vec<f64> {
-        (0..segment.length).map(|nth| f64::from(segment.point(nth)) / 16_777_216.0).collect()
+        (0..segment.length)
+            .map(|nth| f64::from(segment.point(nth)) / 16_777_216.0)
+            .collect()
     }
 
     #[test]
@@ -131,23 +153,54 @@ mod tests {
             let exact = 10.0 + 10.0 * (1.0 - (core::f64::consts::TAU * nth as f64 / 2000.0).cos());
             assert!((point - exact).abs() < 1e-6, "{nth}: {point} {exact}");
         }
-        let late = um(&Segment { length: 300, start: 50, curve_length: 200, centre: 40, ..SEGMENT });
-        assert_eq!((late[0], late[49], late[250], late[299]), (10.0, 10.0, 10.0, 10.0));
+        let late = um(&Segment {
+            length: 300,
+            start: 50,
+            curve_length: 200,
+            centre: 40,
+            ..SEGMENT
+        });
+        assert_eq!(
+            (late[0], late[49], late[250], late[299]),
+            (10.0, 10.0, 10.0, 10.0)
+        );
         assert!((late[90] - 30.0).abs() < 1e-6 && late[89] < late[90] && late[91] < late[90]);
     }
 
     #[test]
     fn lines_begin_and_end_without_a_jump_of_the_velocity() {
-        let line = Segment { shape: Shape::Line, length: 1000, start: 100, curve_length: 800, speed_up: 200, ..SEGMENT };
+        let line = Segment {
+            shape: Shape::Line,
+            length: 1000,
+            start: 100,
+            curve_length: 800,
+            speed_up: 200,
+            ..SEGMENT
+        };
         let points = um(&line);
-        assert_eq!((points[0], points[100], points[900], points[999]), (10.0, 10.0, 30.0, 30.0));
+        assert_eq!(
+            (points[0], points[100], points[900], points[999]),
+            (10.0, 10.0, 30.0, 30.0)
+        );
         let changes: Vec<f64> = points.windows(2).map(|pair| pair[1] - pair[0]).collect();
         // Twenty um over 600 points of full speed.
         let fastest = 20.0 / 600.0;
-        assert!(changes.iter().all(|change| (-1e-6..fastest + 1e-6).contains(change)));
+        assert!(
+            changes
+                .iter()
+                .all(|change| (-1e-6..fastest + 1e-6).contains(change))
+        );
         assert!((changes[500] - fastest).abs() < 1e-6);
-        assert!(changes.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 1.01 * fastest / 200.0 + 1e-6));
-        let ramp = um(&Segment { shape: Shape::Ramp, speed_up: 100, ..SEGMENT });
+        assert!(
+            changes
+                .windows(2)
+                .all(|pair| (pair[1] - pair[0]).abs() < 1.01 * fastest / 200.0 + 1e-6)
+        );
+        let ramp = um(&Segment {
+            shape: Shape::Ramp,
+            speed_up: 100,
+            ..SEGMENT
+        });
         assert!((ramp[1000] - 30.0).abs() < 1e-6);
         assert!((ramp[500] - 20.0).abs() < 1e-6 && (ramp[1500] - 20.0).abs() < 1e-6);
     }

@@ -24,7 +24,9 @@ impl<'a> Words<'a> {
     /// Of a line.
     #[must_use]
     pub fn of(line: &'a str) -> Self {
-        Self { rest: line.split_ascii_whitespace() }
+        Self {
+            rest: line.split_ascii_whitespace(),
+        }
     }
 
     /// The next word, if there is one.
@@ -51,7 +53,11 @@ impl<'a> Words<'a> {
     /// # Errors
     /// There is one.
     pub fn end(&mut self) -> Result<(), ErrorCode> {
-        if self.more() { Err(ErrorCode::ParameterCount) } else { Ok(()) }
+        if self.more() {
+            Err(ErrorCode::ParameterCount)
+        } else {
+            Ok(())
+        }
     }
 
     /// A whole number.
@@ -67,7 +73,9 @@ impl<'a> Words<'a> {
     /// # Errors
     /// The word is no whole number.
     pub fn optional_whole(&mut self) -> Result<Option<u32>, ErrorCode> {
-        self.optional().map(|word| whole(word).ok_or(ErrorCode::Syntax)).transpose()
+        self.optional()
+            .map(|word| whole(word).ok_or(ErrorCode::Syntax))
+            .transpose()
     }
 
     /// `0` or `1`.
@@ -119,14 +127,21 @@ impl<'a> Words<'a> {
     /// # Errors
     /// The word is missing or names another one.
     pub fn axis(&mut self) -> Result<(), ErrorCode> {
-        if self.word()? == "1" { Ok(()) } else { Err(ErrorCode::Axis) }
+        if self.word()? == "1" {
+            Ok(())
+        } else {
+            Err(ErrorCode::Axis)
+        }
     }
 
     /// The axis, one value and nothing more.
     ///
     /// # Errors
     /// The axis is missing or another one, the value is refused, or more follows.
-    pub fn of_axis<T>(&mut self, value: impl FnOnce(&mut Self) -> Result<T, ErrorCode>) -> Result<T, ErrorCode> {
+    pub fn of_axis<T>(
+        &mut self,
+        value: impl FnOnce(&mut Self) -> Result<T, ErrorCode>,
+    ) -> Result<T, ErrorCode> {
         self.axis()?;
         let value = value(self)?;
         self.end()?;

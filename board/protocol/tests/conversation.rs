@@ -52,14 +52,18 @@ const ROOM: u32 = 3000;
 impl Rig {
     fn run(&mut self, ticks: u32) {
         for _ in 0..ticks {
-            self.plant.tick(self.bench.converter_scale().drive_v(self.acting));
+            self.plant
+                .tick(self.bench.converter_scale().drive_v(self.acting));
             self.acting = self.latest.dac_code;
             let code = self.sensor.read_code(&self.plant);
-            self.latest = self.amplifier.tick(self.sensor_is_there.then_some(code), false);
+            self.latest = self
+                .amplifier
+                .tick(self.sensor_is_there.then_some(code), false);
             let c = self.amplifier.parameters().servo.converters;
             let error = self.latest.reference - c.position(code);
             if self.amplifier.mode() == Mode::Closed {
-                self.telemetry.take(self.latest.tick, error, c.drive(self.latest.dac_code));
+                self.telemetry
+                    .take(self.latest.tick, error, c.drive(self.latest.dac_code));
             } else {
                 self.telemetry.begin();
             }
@@ -116,14 +120,22 @@ impl Device for Shared {
     }
     fn sample(&self, nth: u32) -> Option<TraceSample> {
         let rig = self.0.borrow();
-        if rig.recording.is_some() { None } else { rig.samples.get(nth as usize).copied() }
+        if rig.recording.is_some() {
+            None
+        } else {
+            rig.samples.get(nth as usize).copied()
+        }
     }
     fn record_from_command(&mut self, every_ticks: u32) {
         self.record(every_ticks);
     }
     fn begin_block(&mut self, bytes: u32) -> Result<(), &'static str> {
         self.0.borrow_mut().block.clear();
-        if bytes > 4000 { Err("larger than any block") } else { Ok(()) }
+        if bytes > 4000 {
+            Err("larger than any block")
+        } else {
+            Ok(())
+        }
     }
     fn take_block(&mut self, piece: &BlockPiece) -> Result<(), &'static str> {
         let mut rig = self.0.borrow_mut();
@@ -138,7 +150,8 @@ impl Device for Shared {
         if !rig.amplifier.drive_rests() {
             return Err(Moving);
         }
-        rig.brought = read(&rig.block, 20_000).map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
+        rig.brought = read(&rig.block, 20_000)
+            .map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
         Ok(())
     }
     fn keep_envelope(&mut self, wanted: u32) -> Result<(), Moving> {
@@ -146,8 +159,14 @@ impl Device for Shared {
         if rig.amplifier.powered() {
             return Err(Moving);
         }
-        let envelope = safety_envelope::read(&rig.block).ok().filter(|envelope| safety_envelope::fingerprint(envelope) == wanted);
-        rig.brought = if envelope.is_some() { Brought::Kept } else { Brought::Refused("another checksum") };
+        let envelope = safety_envelope::read(&rig.block)
+            .ok()
+            .filter(|envelope| safety_envelope::fingerprint(envelope) == wanted);
+        rig.brought = if envelope.is_some() {
+            Brought::Kept
+        } else {
+            Brought::Refused("another checksum")
+        };
         rig.envelope = envelope.or(rig.envelope);
         Ok(())
     }
@@ -155,11 +174,19 @@ impl Device for Shared {
         self.0.borrow().envelope
     }
     fn event(&self, before_last: u32) -> Option<DeviceEvent> {
-        self.0.borrow().events.iter().rev().nth(before_last as usize).copied()
+        self.0
+            .borrow()
+            .events
+            .iter()
+            .rev()
+            .nth(before_last as usize)
+            .copied()
     }
     fn swap_block(&mut self) {
         let mut rig = self.0.borrow_mut();
-        let swapped = read(&rig.block, 20_000).map_err(|error| error.reason()).and_then(|block| rig.amplifier.swap(&block));
+        let swapped = read(&rig.block, 20_000)
+            .map_err(|error| error.reason())
+            .and_then(|block| rig.amplifier.swap(&block));
         rig.brought = swapped.map_or_else(Brought::Refused, |()| Brought::Swapped);
     }
     fn kept_settings(&self) -> Option<KeptSettings> {
@@ -179,7 +206,11 @@ impl Device for Shared {
     fn restart(&mut self) -> Result<(), Moving> {
         let mut rig = self.0.borrow_mut();
         rig.restarts += u32::from(rig.amplifier.drive_rests());
-        if rig.amplifier.drive_rests() { Ok(()) } else { Err(Moving) }
+        if rig.amplifier.drive_rests() {
+            Ok(())
+        } else {
+            Err(Moving)
+        }
     }
     fn host_timeout(&self) -> u32 {
         self.0.borrow().host_timeout
@@ -194,7 +225,12 @@ impl Device for Shared {
         self.0.borrow_mut().baud = baud;
     }
     fn diagnosis(&self) -> DeviceDiagnosis {
-        DeviceDiagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, adapted_gain_millionths: 1_050_000, ..DeviceDiagnosis::default() }
+        DeviceDiagnosis {
+            railed_ticks: 7,
+            block_checksum: 0xdead_beef,
+            adapted_gain_millionths: 1_050_000,
+            ..DeviceDiagnosis::default()
+        }
     }
     fn loop_figures(&self) -> LoopFigures {
         self.0.borrow().telemetry.figures()
@@ -231,7 +267,10 @@ impl Table {
             acting: rest,
             tolerance: 0,
             on_target_ticks: 0,
-            latest: TraceSample { dac_code: rest, ..TraceSample::default() },
+            latest: TraceSample {
+                dac_code: rest,
+                ..TraceSample::default()
+            },
             recording: None,
             samples: Vec::new(),
             sensor_is_there: true,
@@ -247,9 +286,19 @@ impl Table {
             kept: None,
         })));
         rig.0.borrow_mut().run(100);
-        let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
-        let session = Session::new(rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
-        Self { session, rig, lines: Lines::of(DIALECT) }
+        let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096)
+            .map(|_| AtomicI32::new(i32::MIN))
+            .collect();
+        let session = Session::new(
+            rig.clone(),
+            parameters(),
+            Box::leak(waves.into_boxed_slice()),
+        );
+        Self {
+            session,
+            rig,
+            lines: Lines::of(DIALECT),
+        }
     }
 
     /// Sends bytes and returns what comes back; the amplifier does a tick for every step.
@@ -273,7 +322,9 @@ impl Table {
                         let outcome = {
                             let mut rig = self.rig.0.borrow_mut();
                             let tick = (u64::from(rig.latest.tick + 1) + rig.skipped) as u32;
-                            rig.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
+                            rig.amplifier
+                                .command(command)
+                                .map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
                         };
                         self.session.outcome(outcome);
                     }
@@ -297,7 +348,12 @@ impl Table {
 
     fn value(&mut self, line: &str) -> f64 {
         let answer = self.ask(line);
-        answer.trim().rsplit('=').next().and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("{line}: {answer:?}"))
+        answer
+            .trim()
+            .rsplit('=')
+            .next()
+            .and_then(|value| value.parse().ok())
+            .unwrap_or_else(|| panic!("{line}: {answer:?}"))
     }
 
     fn run(&self, ticks: u32) {
@@ -307,9 +363,16 @@ impl Table {
     fn ready() -> Self {
         let mut table = Self::new();
         table.tell("ARM 1 1", 0);
-        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB0\n"[..], "1=2\n"), "the self-test");
+        assert_eq!(
+            (table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()),
+            (&b"\xB0\n"[..], "1=2\n"),
+            "the self-test"
+        );
         table.run(10_000);
-        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB1\n"[..], "1=1\n"));
+        assert_eq!(
+            (table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()),
+            (&b"\xB1\n"[..], "1=1\n")
+        );
         table.tell("ATZ 1", 0);
         assert_eq!(table.send(b"\x07"), b"\xB0\n", "busy");
         table.run(22_100);
@@ -326,15 +389,29 @@ fn who_is_there() {
     let name = table.ask("*IDN?");
     assert_eq!(name.split(',').count(), 4);
     assert_eq!(table.ask("CSV?"), "2.0\n");
-    assert_eq!((table.ask("SAI?").as_str(), table.ask("sai? all").as_str()), ("1\n", "1\n"));
+    assert_eq!(
+        (table.ask("SAI?").as_str(), table.ask("sai? all").as_str()),
+        ("1\n", "1\n")
+    );
     assert_eq!(table.ask("SVO? 1"), "1=0\n");
     assert_eq!(table.ask("CST?").lines().count(), 1);
     assert!(table.value("TMX? 1") > table.value("TMN? 1") + 10.0);
     let help = table.ask("HLP?");
     assert!(help.lines().skip(1).all(|line| line.len() > 5) && help.ends_with("end of help\n"));
     let lines: Vec<&str> = help.split_inclusive('\n').collect();
-    assert!(lines[..lines.len() - 1].iter().all(|line| line.ends_with(" \n")), "only the last line ends without a space");
-    assert_eq!(lines.iter().filter(|line| line.starts_with("MOV? ")).count(), 1);
+    assert!(
+        lines[..lines.len() - 1]
+            .iter()
+            .all(|line| line.ends_with(" \n")),
+        "only the last line ends without a space"
+    );
+    assert_eq!(
+        lines
+            .iter()
+            .filter(|line| line.starts_with("MOV? "))
+            .count(),
+        1
+    );
     assert_eq!(table.ask("ERR?"), "0\n");
 }
 
@@ -363,7 +440,9 @@ fn the_axis_moves_as_fast_as_it_may_and_says_when_it_is_there() {
     for _ in 0..220 {
         let before = table.rig.0.borrow().latest.reference;
         table.run(1);
-        fastest = fastest.max(f64::from(table.rig.0.borrow().latest.reference - before) / 16_777_216.0 * 20_000.0);
+        fastest = fastest.max(
+            f64::from(table.rig.0.borrow().latest.reference - before) / 16_777_216.0 * 20_000.0,
+        );
     }
     assert!((900.0..1_100.0).contains(&fastest), "{fastest} um/s");
     assert_eq!(table.send(b"\x05"), b"0\n");
@@ -399,7 +478,10 @@ fn a_servo_that_is_switched_off_holds_its_drive_and_open_loop_drives_follow() {
     assert_eq!(table.ask("SVA? 1"), "1=60.000000\n");
     table.tell("SVO 1 1", 0);
     table.run(500);
-    assert!((table.value("MOV?") - table.value("POS?")).abs() < 0.05, "the servo takes over where it is");
+    assert!(
+        (table.value("MOV?") - table.value("POS?")).abs() < 0.05,
+        "the servo takes over where it is"
+    );
     table.tell("ATZ 1", 93);
 }
 
@@ -408,7 +490,11 @@ fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
     for stop in [&b"STP\n"[..], b"stp\n", b"\x18"] {
         let mut table = Table::ready();
         table.tell("MOV 1 5", 0);
-        assert_eq!(table.send(&[b"MOV 1 8\nMOV?\n", stop].concat()), b"1=5.000000\n", "a query is answered, a move is not made");
+        assert_eq!(
+            table.send(&[b"MOV 1 8\nMOV?\n", stop].concat()),
+            b"1=5.000000\n",
+            "a query is answered, a move is not made"
+        );
         assert_eq!(table.ask("ERR?"), "10\n");
         assert_eq!(table.ask("SVO?"), "1=0\n");
         table.run(3000);
@@ -429,23 +515,43 @@ fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
 #[test]
 fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
     let mut table = Table::new();
-    assert_eq!((table.ask("RON?").as_str(), table.ask("FRF? 1").as_str(), table.ask("DIA? 11").as_str()), ("1=1\n", "1=0\n", "11=0\n"));
+    assert_eq!(
+        (
+            table.ask("RON?").as_str(),
+            table.ask("FRF? 1").as_str(),
+            table.ask("DIA? 11").as_str()
+        ),
+        ("1=1\n", "1=0\n", "11=0\n")
+    );
     table.tell("SVO 1 1", 4001);
     table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
     assert_eq!(table.ask("SVO?"), "1=0\n");
     table.tell("RON 1 0", 0);
     table.tell("SVO 1 1", 0);
-    assert_eq!((table.ask("SVO?").as_str(), table.ask("RON? 1").as_str()), ("1=1\n", "1=0\n"));
+    assert_eq!(
+        (table.ask("SVO?").as_str(), table.ask("RON? 1").as_str()),
+        ("1=1\n", "1=0\n")
+    );
     let mut table = Table::ready();
-    assert_eq!((table.ask("FRF?").as_str(), table.ask("SVO?").as_str()), ("1=1\n", "1=1\n"));
+    assert_eq!(
+        (table.ask("FRF?").as_str(), table.ask("SVO?").as_str()),
+        ("1=1\n", "1=1\n")
+    );
     // A fault, and nobody knows what the stage did while its power stage was off.
     table.rig.0.borrow_mut().sensor_is_there = false;
     table.run(3000);
     table.rig.0.borrow_mut().sensor_is_there = true;
     table.run(3000);
     table.tell("INI 1", 0);
-    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str(), table.ask("ARM?").as_str()), ("1=0\n", "1=1\n", "1=0\n"));
+    assert_eq!(
+        (
+            table.ask("FRF?").as_str(),
+            table.ask("ATZ?").as_str(),
+            table.ask("ARM?").as_str()
+        ),
+        ("1=0\n", "1=1\n", "1=0\n")
+    );
     table.tell("SVO 1 1", 4001);
     table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
@@ -460,7 +566,13 @@ fn a_host_says_for_how_long_it_may_be_silent() {
     table.tell("SPA 1 0x7F000006 0.25", 0);
     assert_eq!(table.rig.0.borrow().host_timeout, 5000);
     assert_eq!(table.value("SPA? 1 0x7F000006"), 0.25);
-    for (seconds, error) in [("0.009", 17), ("0.0001", 17), ("-1", 17), ("3601", 17), ("0", 0)] {
+    for (seconds, error) in [
+        ("0.009", 17),
+        ("0.0001", 17),
+        ("-1", 17),
+        ("3601", 17),
+        ("0", 0),
+    ] {
         table.tell(&format!("SPA 1 0x7F000006 {seconds}"), error);
     }
     assert_eq!(table.rig.0.borrow().host_timeout, 0);
@@ -471,9 +583,15 @@ fn a_stop_between_two_commands_of_one_line_ends_it() {
     let mut table = Table::new();
     table.session.obey(b"SVO 1 1", false);
     let mut piece = Piece::new();
-    assert!(matches!(table.session.next(&mut piece), Step::Command(Command::Reference { .. })));
+    assert!(matches!(
+        table.session.next(&mut piece),
+        Step::Command(Command::Reference { .. })
+    ));
     table.session.outcome(Outcome::Done(100));
-    assert_eq!(table.session.next(&mut piece), Step::Command(Command::Enable));
+    assert_eq!(
+        table.session.next(&mut piece),
+        Step::Command(Command::Enable)
+    );
     table.session.outcome(Outcome::Stopped);
     assert_eq!(table.session.next(&mut piece), Step::Done);
     assert_eq!(table.ask("ERR?"), "0\n");
@@ -492,19 +610,35 @@ fn the_wave_generator_plays_and_the_recorder_shows_it() {
     table.tell("WTR 1 2 1", 0);
     table.tell("RTR 2", 0);
     table.tell("WGO 1 1", 0);
-    assert_eq!((table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()), ("1=1\n", &b"1\n"[..]));
+    assert_eq!(
+        (table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()),
+        ("1=1\n", &b"1\n"[..])
+    );
     table.tell("MOV 1 5", 73);
     table.tell("WAV 2 X SIN_P 400 4 3 400 0 200", 73);
     table.run(1700);
-    assert_eq!((table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()), ("1=0\n", &b"0\n"[..]));
+    assert_eq!(
+        (table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()),
+        ("1=0\n", &b"0\n"[..])
+    );
     table.tell("RTR 1", 0);
     table.tell("RTR 2", 0);
     assert!(table.value("DRL? 1") >= 800.0);
     let answer = table.ask("DRR? 1 800 1 2 4");
     let (header, data) = answer.split_once("# END_HEADER \n").expect("a header");
-    assert!(header.contains("# NDATA = 800 \n") && header.contains("# DIM = 3 \n") && header.contains("# SAMPLE_TIME = 0.000100000 \n"));
-    let rows: Vec<Vec<f64>> =
-        data.lines().map(|row| row.split_whitespace().map(|word| word.parse().expect("a number")).collect()).collect();
+    assert!(
+        header.contains("# NDATA = 800 \n")
+            && header.contains("# DIM = 3 \n")
+            && header.contains("# SAMPLE_TIME = 0.000100000 \n")
+    );
+    let rows: Vec<Vec<f64>> = data
+        .lines()
+        .map(|row| {
+            row.split_whitespace()
+                .map(|word| word.parse().expect("a number"))
+                .collect()
+        })
+        .collect();
     assert_eq!((rows.len(), rows[0].len()), (800, 3));
     assert!(data.ends_with('\n') && !data.ends_with(" \n"));
     let highest = |column: usize| rows.iter().map(|row| row[column]).fold(f64::MIN, f64::max);
@@ -512,14 +646,21 @@ fn the_wave_generator_plays_and_the_recorder_shows_it() {
     assert!((highest(1) - 7.0).abs() < 0.1, "position: {}", highest(1));
     // Against the shape itself, some ticks later, where the offset of the take-over has gone.
     let late = (380..420).map(|delay| {
-        let square = |nth: usize| (rows[nth][0] - (5.0 - 2.0 * (core::f64::consts::TAU * (nth + delay) as f64 / 400.0).cos())).powi(2);
+        let square = |nth: usize| {
+            (rows[nth][0]
+                - (5.0 - 2.0 * (core::f64::consts::TAU * (nth + delay) as f64 / 400.0).cos()))
+            .powi(2)
+        };
         (500..780).map(square).sum::<f64>()
     });
     let rms = (late.fold(f64::MAX, f64::min) / 280.0).sqrt();
     assert!(rms < 0.02, "{rms} um");
     table.tell("DRR? 2500 900 1", 77);
     let points = table.ask("GWD? 1 3 2");
-    assert!(points.ends_with("# END_HEADER \n3.000000 \n3.000247 \n3.000987\n"), "{points}");
+    assert!(
+        points.ends_with("# END_HEADER \n3.000000 \n3.000247 \n3.000987\n"),
+        "{points}"
+    );
 }
 
 #[test]
@@ -528,7 +669,11 @@ fn points_are_written_in_bunches() {
     table.tell("WAV 1 X PNT 1 3 1 2 3", 0);
     table.tell("WAV 1 & PNT 4 2 4 5.5", 0);
     assert_eq!(table.ask("WAV? 1 1"), "1 1=5.0\n");
-    assert!(table.ask("GWD? 1 5 1").ends_with("\n1.000000 \n2.000000 \n3.000000 \n4.000000 \n5.500000\n"));
+    assert!(
+        table
+            .ask("GWD? 1 5 1")
+            .ends_with("\n1.000000 \n2.000000 \n3.000000 \n4.000000 \n5.500000\n")
+    );
     table.tell("WAV 1 & PNT 6 2 4", 404);
     table.tell("WAV 1 & PNT 6 1 400", 405);
     table.tell("WAV 1 & PNT 6 1 4 5", 404);
@@ -539,7 +684,11 @@ fn points_are_written_in_bunches() {
     table.tell("WAV 1 X SIN_P 500 1 0 500 100 250", 405);
     table.tell("WAV 1 X TAN 1", 402);
     table.tell("WAV 5 X PNT 1 1 1", 17);
-    assert_eq!(table.ask("WAV? 1 1"), "1 1=5.0\n", "what is refused changes nothing");
+    assert_eq!(
+        table.ask("WAV? 1 1"),
+        "1 1=5.0\n",
+        "what is refused changes nothing"
+    );
     table.tell("WCL 1", 0);
     assert_eq!(table.ask("WAV? 1 1"), "1 1=0.0\n");
     table.tell("WSL 1 1", 0);
@@ -561,10 +710,19 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
     assert_eq!(table.ask("SPA?").lines().count(), 35);
-    assert_eq!(table.ask("SPA? 1 0x7F000009 1 0x7F00000A"), "1 0x7f000009=16 \n1 0x7f00000a=16\n");
+    assert_eq!(
+        table.ask("SPA? 1 0x7F000009 1 0x7F00000A"),
+        "1 0x7f000009=16 \n1 0x7f00000a=16\n"
+    );
     assert_eq!(table.ask("HPA?").lines().count(), 37);
-    assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
-    assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
+    assert_eq!(
+        table.ask("SPA? 1 0x7F000001"),
+        "1 0x7f000001=15.000000000\n"
+    );
+    assert_eq!(
+        table.ask("SPA? 1 0x7F000002"),
+        "1 0x7f000002=-20.000000000\n"
+    );
     table.tell("VEL 1 0", 8);
     table.tell("VEL 1 1e9", 8);
     table.tell("VEL 1 250.5", 0);
@@ -623,7 +781,11 @@ fn the_recorder_begins_when_it_is_told_to() {
     assert_eq!(table.ask("DRC? 1 2"), "1=1 7 \n2=1 0\n");
     table.tell("DRT 0 4 0", 0);
     table.run(50);
-    assert_eq!(table.ask("DRR? 1 5").matches("NAME").count(), 3, "a table that records nothing is not read");
+    assert_eq!(
+        table.ask("DRR? 1 5").matches("NAME").count(),
+        3,
+        "a table that records nothing is not read"
+    );
 }
 
 #[test]
@@ -638,7 +800,10 @@ fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     table.tell("WTR 1 10 0", 0);
     table.tell("RTR 10", 0);
     table.tell("WGO 1 1", 0);
-    assert_eq!((table.ask("WGO?").as_str(), table.ask("SVO?").as_str()), ("1=1\n", "1=0\n"));
+    assert_eq!(
+        (table.ask("WGO?").as_str(), table.ask("SVO?").as_str()),
+        ("1=1\n", "1=0\n")
+    );
     assert_eq!(table.send(b"\x07"), b"\xB1\n");
     table.tell("WGO 1 1", 93);
     table.run(3000);
@@ -646,10 +811,24 @@ fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     assert!(table.rig.0.borrow().amplifier.drive_rests());
     let codes = table.ask("DRB? 1 190");
     assert_eq!(codes.lines().count(), 3, "72 samples in a line");
-    assert!(codes.lines().take(2).all(|line| line.ends_with("= ") || line.len() == 489), "{codes}");
+    assert!(
+        codes
+            .lines()
+            .take(2)
+            .all(|line| line.ends_with("= ") || line.len() == 489),
+        "{codes}"
+    );
     table.tell("DRB? 1 5000", 77);
     // The drive that was recorded is the wave.
-    let highest = table.rig.0.borrow().samples.iter().map(|sample| sample.dac_code).max().expect("samples");
+    let highest = table
+        .rig
+        .0
+        .borrow()
+        .samples
+        .iter()
+        .map(|sample| sample.dac_code)
+        .max()
+        .expect("samples");
     let highest_v = f64::from(parameters().servo.converters.drive(highest)) / 4_194_304.0;
     assert!((highest_v - 60.0).abs() < 0.01, "{highest_v} V");
     // What is a drive is no position, and the other way round.
@@ -740,7 +919,13 @@ fn a_block_takes_over_a_running_loop_or_the_running_one_goes_on() {
     other.physical.name[0] = b'q';
     bring(&mut table, &other);
     assert_eq!(table.ask("BLK?"), "REFUSED made for another stage\n");
-    assert_eq!((table.ask("SVO?").as_str(), table.rig.0.borrow().amplifier.parameters().servo.law == running), ("1=1\n", true));
+    assert_eq!(
+        (
+            table.ask("SVO?").as_str(),
+            table.rig.0.borrow().amplifier.parameters().servo.law == running
+        ),
+        ("1=1\n", true)
+    );
     table.tell("BLK SWAP 1", 24);
 }
 
@@ -748,7 +933,10 @@ fn a_block_takes_over_a_running_loop_or_the_running_one_goes_on() {
 fn it_says_how_it_is_and_a_fault_is_cleared() {
     let mut table = Table::ready();
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
-    assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
+    assert_eq!(
+        table.ask("DIA?").lines().count() + 2,
+        table.ask("HDI?").lines().count()
+    );
     assert_eq!(table.ask("DIA? 16"), "16=1050000\n");
     table.tell("DIA? 18", 54);
     table.tell("IFC RSBAUD 921600", 0);
@@ -767,25 +955,44 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
 #[test]
 fn it_says_how_well_the_loop_followed_and_whether_its_resonance_rings() {
     let mut table = Table::ready();
-    assert_eq!(table.ask("SPA? 1 0x7F000007 1 0x7F000008"), "1 0x7f000007=0.000 \n1 0x7f000008=0.000\n");
+    assert_eq!(
+        table.ask("SPA? 1 0x7F000007 1 0x7F000008"),
+        "1 0x7f000007=0.000 \n1 0x7f000008=0.000\n"
+    );
     assert_eq!(table.ask("DIA? 13 14 15"), "13=0 \n14=0 \n15=0\n");
-    for (refused, error) in
-        [("07 79.9", 17), ("07 9920.1", 17), ("07 -735", 17), ("08 -1", 17), ("08 256001", 17), ("10 3", 64), ("13 3", 64)]
-    {
+    for (refused, error) in [
+        ("07 79.9", 17),
+        ("07 9920.1", 17),
+        ("07 -735", 17),
+        ("08 -1", 17),
+        ("08 256001", 17),
+        ("10 3", 64),
+        ("13 3", 64),
+    ] {
         table.tell(&format!("SPA 1 0x7F0000{refused}"), error);
     }
     table.tell("SPA 1 0x7F000007 735 1 0x7F000008 0.001", 0);
     table.tell("MOV 1 5", 0);
     table.run(41_000);
     let figures = table.rig.0.borrow().telemetry.figures();
-    let numbers: Vec<f64> = (0x10..0x14).map(|nth| table.value(&format!("SPA? 1 0x7F0000{nth:x}"))).collect();
-    let [rms_nm, peak_nm, drive_v, resonance_nm] = numbers[..] else { panic!() };
+    let numbers: Vec<f64> = (0x10..0x14)
+        .map(|nth| table.value(&format!("SPA? 1 0x7F0000{nth:x}")))
+        .collect();
+    let [rms_nm, peak_nm, drive_v, resonance_nm] = numbers[..] else {
+        panic!()
+    };
     assert_eq!((rms_nm * 1000.0).round() as u32, figures.error_rms_pm);
     assert_eq!((peak_nm * 1000.0).round() as u32, figures.error_peak_pm);
     assert_eq!((drive_v * 1e6).round() as u32, figures.drive_rms_uv);
     assert_eq!((resonance_nm * 1000.0).round() as u32, figures.resonance_pm);
     // The second second rests at 5 um: noise of the sensor, and the drive that holds it.
-    assert!((0.1..20.0).contains(&rms_nm) && peak_nm >= rms_nm && resonance_nm < rms_nm && resonance_nm > 0.001, "{numbers:?}");
+    assert!(
+        (0.1..20.0).contains(&rms_nm)
+            && peak_nm >= rms_nm
+            && resonance_nm < rms_nm
+            && resonance_nm > 0.001,
+        "{numbers:?}"
+    );
     assert!((drive_v - table.value("VOL? 1")).abs() < 0.5, "{drive_v}");
     assert_eq!(table.ask("DIA? 13 14 15"), "13=2 \n14=0 \n15=1\n");
     // Another alarm begins anew.
@@ -844,9 +1051,15 @@ fn a_finished_wave_is_not_read_again() {
     // Positions of another place, for the next start: the stage stays where it is.
     table.tell("WAV 1 X LIN 100 0 9 100 0 0", 0);
     table.run(100);
-    let (reference, mode) = (table.rig.0.borrow().latest.reference, table.rig.0.borrow().amplifier.mode());
+    let (reference, mode) = (
+        table.rig.0.borrow().latest.reference,
+        table.rig.0.borrow().amplifier.mode(),
+    );
     // The offset of the take-over still decays, by less than a nanometre.
-    assert!(mode == Mode::Closed && (reference - before).abs() < (1 << 24) / 1000, "{mode:?}: {before} and {reference}");
+    assert!(
+        mode == Mode::Closed && (reference - before).abs() < (1 << 24) / 1000,
+        "{mode:?}: {before} and {reference}"
+    );
 }
 
 #[test]
@@ -867,11 +1080,18 @@ fn a_held_axis_does_not_begin_to_move_after_a_day() {
     let mut table = Table::ready();
     table.tell("MOV 1 5", 0);
     table.run(3000);
-    assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()));
+    assert_eq!(
+        (table.send(b"\x05"), table.ask("ONT?")),
+        (b"0\n".to_vec(), "1=1\n".to_string())
+    );
     // 29.8 h, 44.7 h and 59.7 h at 20 kHz.
     for skipped in [1u64 << 31, 3 << 30, u64::from(u32::MAX), 5 << 33] {
         table.rig.0.borrow_mut().skipped = skipped;
-        assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()), "{skipped} ticks");
+        assert_eq!(
+            (table.send(b"\x05"), table.ask("ONT?")),
+            (b"0\n".to_vec(), "1=1\n".to_string()),
+            "{skipped} ticks"
+        );
         table.tell("MOV 1 5.5", 0);
         table.run(3000);
         assert_eq!(table.ask("ONT?"), "1=1\n", "{skipped} ticks");
@@ -883,7 +1103,10 @@ fn a_held_axis_does_not_begin_to_move_after_a_day() {
 #[test]
 fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off() {
     let mut table = Table::new();
-    assert_eq!((table.ask("ENV?").as_str(), table.ask("LOG?").as_str()), ("NONE\n", "NONE\n"));
+    assert_eq!(
+        (table.ask("ENV?").as_str(), table.ask("LOG?").as_str()),
+        ("NONE\n", "NONE\n")
+    );
     let envelope = SafetyEnvelope {
         name: [0; 16],
         dac_bits: 20,
@@ -922,10 +1145,21 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     table.tell(&format!("BLK ENVELOPE {checksum:#x}"), 0);
     assert_eq!(table.ask("BLK?"), "KEPT\n");
     let said = table.ask("ENV?");
-    assert!(said.contains(&format!("CHECKSUM={checksum:#010x}")) && said.contains("DRIVE=0.000 20.000 V"), "{said}");
-    let event = |tick, fault| DeviceEvent { start: 3, tick, fault };
+    assert!(
+        said.contains(&format!("CHECKSUM={checksum:#010x}"))
+            && said.contains("DRIVE=0.000 20.000 V"),
+        "{said}"
+    );
+    let event = |tick, fault| DeviceEvent {
+        start: 3,
+        tick,
+        fault,
+    };
     table.rig.0.borrow_mut().events = vec![event(7, Fault::Watchdog), event(900, Fault::Interlock)];
-    assert_eq!(table.ask("LOG?"), "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n");
+    assert_eq!(
+        table.ask("LOG?"),
+        "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n"
+    );
 }
 
 #[test]
@@ -953,11 +1187,18 @@ fn filters_are_tuned_while_the_axis_moves_without_a_step() {
         table.tell(line, 0);
         assert_eq!(table.ask("SVO?"), "1=1\n");
         let behind = largest_step(&table, 100);
-        assert!(behind <= before + 40, "{line}: {behind} codes a tick, {before} before");
+        assert!(
+            behind <= before + 40,
+            "{line}: {behind} codes a tick, {before} before"
+        );
     }
     assert_eq!(table.value("SPA? 1 0x7F000021"), 40.0);
     assert_eq!(
-        (table.value("SPA? 1 0x7F000020"), table.value("SPA? 1 0x7F000022"), table.value("SPA? 1 0x7F000024")),
+        (
+            table.value("SPA? 1 0x7F000020"),
+            table.value("SPA? 1 0x7F000022"),
+            table.value("SPA? 1 0x7F000024")
+        ),
         (0.0, 900.0, 3000.0)
     );
     table.run(4000);
@@ -974,9 +1215,13 @@ fn settings_are_kept_at_rest_and_come_back() {
     let mut table = Table::ready();
     table.tell("WPA 100", 93);
     let mut table = Table::new();
-    for line in
-        ["VEL 1 250", "SPA 1 0x07000900 0.05", "SPA 1 0x7F000006 2", "SPA 1 0x7F000007 735", "SPA 1 0x7F000030 735 1 0x7F000034 4000"]
-    {
+    for line in [
+        "VEL 1 250",
+        "SPA 1 0x07000900 0.05",
+        "SPA 1 0x7F000006 2",
+        "SPA 1 0x7F000007 735",
+        "SPA 1 0x7F000030 735 1 0x7F000034 4000",
+    ] {
         table.tell(line, 0);
     }
     table.tell("WPA 99", 17);
@@ -988,11 +1233,25 @@ fn settings_are_kept_at_rest_and_come_back() {
         let mut table = Table::new();
         table.rig.0.borrow_mut().kept = kept.map(|kept| KeptSettings { stage, ..kept });
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(0)).collect();
-        table.session = Session::new(table.rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
-        ["VEL? 1", "SPA? 1 0x07000900", "SPA? 1 0x7F000006", "SPA? 1 0x7F000007", "SPA? 1 0x7F000030", "SPA? 1 0x7F000034"]
-            .map(|line| table.value(line))
+        table.session = Session::new(
+            table.rig.clone(),
+            parameters(),
+            Box::leak(waves.into_boxed_slice()),
+        );
+        [
+            "VEL? 1",
+            "SPA? 1 0x07000900",
+            "SPA? 1 0x7F000006",
+            "SPA? 1 0x7F000007",
+            "SPA? 1 0x7F000030",
+            "SPA? 1 0x7F000034",
+        ]
+        .map(|line| table.value(line))
     };
-    assert_eq!(again(parameters().physical.name), [250.0, 0.05, 2.0, 735.0, 735.0, 4000.0]);
+    assert_eq!(
+        again(parameters().physical.name),
+        [250.0, 0.05, 2.0, 735.0, 735.0, 4000.0]
+    );
     // Another stage begins as a new one: ten times its span in a second, a thousandth of it.
     assert_eq!(again([b'x'; 16]), [150.0, 0.015, 0.0, 0.0, 0.0, 0.0]);
 }

@@ -103,7 +103,10 @@ impl UpdateFlash for Flash {
             let _ = bank.cr().read();
             barrier();
             for (nth, four) in (0u32..).zip(word.chunks_exact(4)) {
-                let value = four.iter().rev().fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
+                let value = four
+                    .iter()
+                    .rev()
+                    .fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
                 // SAFETY: the address is one of an image or of the journal, in which nothing of this stage
                 // lies; the flash interface takes the store.
                 unsafe { ((address + 4 * nth) as *mut u32).write_volatile(value) };

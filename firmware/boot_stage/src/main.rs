@@ -37,9 +37,16 @@ fn start_watchdog() {
 
 /// Whether vectors stand at the beginning of the running image.
 fn has_vectors(flash: &mut flash::Flash) -> bool {
-    let Some([a, b, c, d, e, f, g, h, ..]) = flash.word(H743ZI.running) else { return false };
-    let (stack, reset) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
-    stack == STACK && reset & 1 == 1 && (H743ZI.running..H743ZI.running + H743ZI.image_bytes).contains(&reset)
+    let Some([a, b, c, d, e, f, g, h, ..]) = flash.word(H743ZI.running) else {
+        return false;
+    };
+    let (stack, reset) = (
+        u32::from_le_bytes([a, b, c, d]),
+        u32::from_le_bytes([e, f, g, h]),
+    );
+    stack == STACK
+        && reset & 1 == 1
+        && (H743ZI.running..H743ZI.running + H743ZI.image_bytes).contains(&reset)
 }
 
 #[cortex_m_rt::entry]

@@ -104,9 +104,18 @@ fn wanted(pattern: u32, tick: u32) -> u32 {
 
 /// The next code: towards the pattern, or to rest while a safety line is open.
 fn next_code(pattern: u32, tick: u32) -> DriveCode {
-    let pattern = if safety_lines::fault().is_some() { Pattern::Rest as u32 } else { pattern };
-    let (before, slew) = (WRITTEN.load(Ordering::Relaxed), SLEW.load(Ordering::Relaxed));
-    let next = wanted(pattern, tick).max(before.saturating_sub(slew)).min(before + slew);
+    let pattern = if safety_lines::fault().is_some() {
+        Pattern::Rest as u32
+    } else {
+        pattern
+    };
+    let (before, slew) = (
+        WRITTEN.load(Ordering::Relaxed),
+        SLEW.load(Ordering::Relaxed),
+    );
+    let next = wanted(pattern, tick)
+        .max(before.saturating_sub(slew))
+        .min(before + slew);
     WRITTEN.store(next, Ordering::Relaxed);
     DriveCode::new(next)
 }
@@ -127,18 +136,30 @@ extern "C" fn TIM2() {
         return;
     }
     if silent {
-        SILENT.store(SILENT.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
+        SILENT.store(
+            SILENT.load(Ordering::Relaxed).saturating_add(1),
+            Ordering::Relaxed,
+        );
     }
     if tick == 0 {
         FIRST_CYCLES.store(now, Ordering::Relaxed);
     } else {
         let period = now.wrapping_sub(LAST_CYCLES.load(Ordering::Relaxed));
-        LEAST_PERIOD.store(LEAST_PERIOD.load(Ordering::Relaxed).min(period), Ordering::Relaxed);
-        MOST_PERIOD.store(MOST_PERIOD.load(Ordering::Relaxed).max(period), Ordering::Relaxed);
+        LEAST_PERIOD.store(
+            LEAST_PERIOD.load(Ordering::Relaxed).min(period),
+            Ordering::Relaxed,
+        );
+        MOST_PERIOD.store(
+            MOST_PERIOD.load(Ordering::Relaxed).max(period),
+            Ordering::Relaxed,
+        );
     }
     LAST_CYCLES.store(now, Ordering::Relaxed);
     if let Some(slot) = READINGS.get(tick as usize) {
-        slot.store(reading.map_or(0, |code| code.steps() as u16), Ordering::Relaxed);
+        slot.store(
+            reading.map_or(0, |code| code.steps() as u16),
+            Ordering::Relaxed,
+        );
     }
     TICK.store(tick + 1, Ordering::Relaxed);
 }
@@ -164,7 +185,9 @@ async fn experiment(pattern: Pattern) {
 }
 
 fn reading(tick: u32) -> f32 {
-    READINGS.get(tick as usize).map_or(0.0, |slot| f32::from(slot.load(Ordering::Relaxed)))
+    READINGS
+        .get(tick as usize)
+        .map_or(0.0, |slot| f32::from(slot.load(Ordering::Relaxed)))
 }
 
 /// Says a figure and counts what fails.
@@ -176,14 +199,21 @@ impl Verdict {
     fn say(&mut self, name: &str, figure: f32, unit: &str, passes: bool) {
         self.failed += u32::from(!passes);
         let verdict = if passes { "pass" } else { "FAIL" };
-        defmt::info!("check {=str}: {=f32} {=str}: {=str}", name, figure, unit, verdict);
+        defmt::info!(
+            "check {=str}: {=f32} {=str}: {=str}",
+            name,
+            figure,
+            unit,
+            verdict
+        );
     }
 }
 
 fn delay_ticks() -> f32 {
     let (before, after) = (reading(STEP_AT - 1), reading(STEP_AT + 40));
     let middle = (before + after) / 2.0;
-    let shown = (STEP_AT..TICKS).find(|tick| (reading(*tick) > middle) == (after > before) && after != before);
+    let shown = (STEP_AT..TICKS)
+        .find(|tick| (reading(*tick) > middle) == (after > before) && after != before);
     shown.map_or(f32::INFINITY, |tick| (tick - STEP_AT) as f32)
 }
 
@@ -194,23 +224,41 @@ fn deviation_thousandths() -> f32 {
     let count = (TICKS - STEP_AT) as f32;
     let (mut x, mut y, mut xx, mut xy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
     for (a, b) in points() {
-        (x, y, xx, xy) = (x + a / count, y + b / count, xx + a * a / count, xy + a * b / count);
+        (x, y, xx, xy) = (
+            x + a / count,
+            y + b / count,
+            xx + a * a / count,
+            xy + a * b / count,
+        );
     }
     let slope = (xy - x * y) / (xx - x * x);
-    let largest = points().map(|(a, b)| (b - y - slope * (a - x)).abs()).fold(0.0, f32::max);
-    if slope == 0.0 { f32::INFINITY } else { 1e3 * largest / slope.abs() }
+    let largest = points()
+        .map(|(a, b)| (b - y - slope * (a - x)).abs())
+        .fold(0.0, f32::max);
+    if slope == 0.0 {
+        f32::INFINITY
+    } else {
+        1e3 * largest / slope.abs()
+    }
 }
 
 fn noise_codes() -> f32 {
-    let mean = (0..TICKS).map(|tick| reading(tick) / TICKS as f32).sum::<f32>();
-    let square = (0..TICKS).map(|tick| (reading(tick) - mean) * (reading(tick) - mean) / TICKS as f32).sum::<f32>();
+    let mean = (0..TICKS)
+        .map(|tick| reading(tick) / TICKS as f32)
+        .sum::<f32>();
+    let square = (0..TICKS)
+        .map(|tick| (reading(tick) - mean) * (reading(tick) - mean) / TICKS as f32)
+        .sum::<f32>();
     // A square root without a library: Newton's, from above.
     (0..24).fold(square.max(1.0), |root, _| (root + square / root) / 2.0)
 }
 
 async fn flash_keeps() -> bool {
     let bytes: [u8; 96] = core::array::from_fn(|k| (k as u8).wrapping_mul(37) ^ 0x5A);
-    if Board::write_sector(Board::SPARE_SECTOR, &bytes).await.is_err() {
+    if Board::write_sector(Board::SPARE_SECTOR, &bytes)
+        .await
+        .is_err()
+    {
         return false;
     }
     let mut kept = [0; 96];
@@ -221,13 +269,15 @@ async fn flash_keeps() -> bool {
 /// program running.
 fn bus_error_survives() -> bool {
     let mut word = [0; 32];
-    flash_read::copy(Board::BEYOND_FLASH, &mut word).is_err_and(|unreadable| unreadable.0 == Board::BEYOND_FLASH)
+    flash_read::copy(Board::BEYOND_FLASH, &mut word)
+        .is_err_and(|unreadable| unreadable.0 == Board::BEYOND_FLASH)
 }
 
 /// Says why nothing is driven, and ends.
 fn refuse(reason: &str) -> ! {
     defmt::error!("board check: {=str}: nothing is driven", reason);
-    Converters::new(Converters::BITS, Wiring::default()).force(DriveCode::new(REST.load(Ordering::Relaxed)));
+    Converters::new(Converters::BITS, Wiring::default())
+        .force(DriveCode::new(REST.load(Ordering::Relaxed)));
     // The probe reads the log before the end.
     cortex_m::asm::delay(20_000_000);
     end(103)
@@ -237,7 +287,9 @@ fn refuse(reason: &str) -> ! {
 fn envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
     flash_read::copy(Board::ENVELOPE, &mut bytes).ok()?;
-    safety_envelope::read(&bytes).ok().filter(|envelope| envelope.dac_bits == Converters::BITS.dac)
+    safety_envelope::read(&bytes)
+        .ok()
+        .filter(|envelope| envelope.dac_bits == Converters::BITS.dac)
 }
 
 /// Feeds the watchdog, which the option bytes may have started with the supply.
@@ -274,21 +326,29 @@ mod fault {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let channels = rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
+    let channels =
+        rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
     rtt_target::set_defmt_channel(channels.up.0);
     let peripherals = board::init(|_| {});
     let clocks = board::clocks(&peripherals);
-    defmt::info!("board check: core {=u32} Hz, front end {=str}", clocks.core_hz, Converters::NAME);
+    defmt::info!(
+        "board check: core {=u32} Hz, front end {=str}",
+        clocks.core_hz,
+        Converters::NAME
+    );
     if let Ok(feeder) = feeder() {
         spawner.spawn(feeder);
     }
     safety_lines::start();
-    let Some(envelope) = envelope() else { refuse("no safety envelope") };
+    let Some(envelope) = envelope() else {
+        refuse("no safety envelope")
+    };
     if let Some(fault) = safety_lines::fault() {
         refuse(fault.name());
     }
     let fifth = envelope.drive_max.abs_diff(envelope.drive_min) / 5;
-    let slew = (u64::from(envelope.slew_limit_v_s) * 1_000_000 / u64::from(SAMPLE_RATE_HZ)) << envelope.dac_bits;
+    let slew = (u64::from(envelope.slew_limit_v_s) * 1_000_000 / u64::from(SAMPLE_RATE_HZ))
+        << envelope.dac_bits;
     for (place, code) in [
         (&LOW, (envelope.drive_min + fifth).steps()),
         (&HIGH, (envelope.drive_max - fifth).steps()),
@@ -304,12 +364,21 @@ async fn main(spawner: Spawner) {
     let mut verdict = Verdict { failed: 0 };
     experiment(Pattern::Constant).await;
     let ticks = TICK.load(Ordering::Relaxed);
-    let span = LAST_CYCLES.load(Ordering::Relaxed).wrapping_sub(FIRST_CYCLES.load(Ordering::Relaxed));
+    let span = LAST_CYCLES
+        .load(Ordering::Relaxed)
+        .wrapping_sub(FIRST_CYCLES.load(Ordering::Relaxed));
     let period = span as f32 / ticks.saturating_sub(1).max(1) as f32;
     let nominal = clocks.core_hz as f32 / SAMPLE_RATE_HZ as f32;
     verdict.say("period", period, "cycles", (period - nominal).abs() <= 1.0);
-    let jitter = MOST_PERIOD.load(Ordering::Relaxed).wrapping_sub(LEAST_PERIOD.load(Ordering::Relaxed)) as f32;
-    verdict.say("jitter", jitter, "cycles", jitter <= clocks.core_hz as f32 / 1e6);
+    let jitter = MOST_PERIOD
+        .load(Ordering::Relaxed)
+        .wrapping_sub(LEAST_PERIOD.load(Ordering::Relaxed)) as f32;
+    verdict.say(
+        "jitter",
+        jitter,
+        "cycles",
+        jitter <= clocks.core_hz as f32 / 1e6,
+    );
     let noise = noise_codes();
     verdict.say("noise", noise, "codes RMS", noise <= 16.0);
     experiment(Pattern::Step).await;
@@ -317,14 +386,24 @@ async fn main(spawner: Spawner) {
     verdict.say("delay", delay, "ticks", delay == 2.0);
     experiment(Pattern::Ramp).await;
     let deviation = deviation_thousandths();
-    verdict.say("linearity", deviation, "thousandths of the span", deviation <= 2.0);
+    verdict.say(
+        "linearity",
+        deviation,
+        "thousandths of the span",
+        deviation <= 2.0,
+    );
     PATTERN.store(Pattern::Rest as u32, Ordering::Relaxed);
     let silent = SILENT.load(Ordering::Relaxed);
     verdict.say("silent", silent as f32, "ticks", silent == 0);
     let keeps = flash_keeps().await;
     verdict.say("flash", f32::from(u8::from(keeps)), "of 1 sector", keeps);
     let survives = bus_error_survives();
-    verdict.say("bus error", f32::from(u8::from(survives)), "of 1 survived", survives);
+    verdict.say(
+        "bus error",
+        f32::from(u8::from(survives)),
+        "of 1 survived",
+        survives,
+    );
     defmt::info!("board check: {=u32} failed", verdict.failed);
     Converters::new(Converters::BITS, Wiring::default()).force(envelope.safe_code);
     // The probe reads the log before the end.

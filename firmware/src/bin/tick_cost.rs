@@ -25,7 +25,9 @@ use hysteron_core::learned_feedforward::{LearningParameters, SETTLING_TICKS};
 use hysteron_core::one_sided_hysteresis::STACK_CAPACITY;
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, NO_SLEW_LIMIT, ServoParameters};
+use hysteron_core::servo_parameters::{
+    ActuatorParameters, ConverterParameters, NO_SLEW_LIMIT, ServoParameters,
+};
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
 use rtt_target::{ChannelMode, rtt_init};
@@ -68,9 +70,19 @@ struct Cost {
 }
 
 impl Cost {
-    const NONE: Self = Self { most: 0, sum: 0, ticks: 0 };
+    const NONE: Self = Self {
+        most: 0,
+        sum: 0,
+        ticks: 0,
+    };
 
-    fn tick(&mut self, servo: &mut ServoTick, adc_code: SensorCode, reference: i32, empty: u32) -> DriveCode {
+    fn tick(
+        &mut self,
+        servo: &mut ServoTick,
+        adc_code: SensorCode,
+        reference: i32,
+        empty: u32,
+    ) -> DriveCode {
         let (adc_code, reference) = (black_box(adc_code), black_box(reference));
         let begin = DWT::cycle_count();
         let code = timed(servo, adc_code, reference);
@@ -87,8 +99,16 @@ impl Cost {
     }
 
     fn say(&self, name: &str, servo: &ServoTick) {
-        let pairs = servo.hysteresis().map_or(0, |hysteresis| hysteresis.stored_pairs());
-        defmt::info!("tick cost {=str} most {=u32} typical {=u32} pairs {=usize}", name, self.most, self.sum / self.ticks.max(1), pairs);
+        let pairs = servo
+            .hysteresis()
+            .map_or(0, |hysteresis| hysteresis.stored_pairs());
+        defmt::info!(
+            "tick cost {=str} most {=u32} typical {=u32} pairs {=usize}",
+            name,
+            self.most,
+            self.sum / self.ticks.max(1),
+            pairs
+        );
     }
 }
 
@@ -124,7 +144,9 @@ struct Mode {
 
 impl Mode {
     fn step(&mut self, applied: i32) {
-        self.velocity += ((i64::from(applied - self.position) * 4_693 - i64::from(self.velocity) * 27_623) >> 16) as i32;
+        self.velocity += ((i64::from(applied - self.position) * 4_693
+            - i64::from(self.velocity) * 27_623)
+            >> 16) as i32;
         self.position += self.velocity;
     }
 
@@ -135,7 +157,9 @@ impl Mode {
 }
 
 fn code_at(c: &ConverterParameters, position: i32) -> SensorCode {
-    SensorCode::new((i64::from(position - c.adc_zero) / (c.adc_step >> 16).max(1)).clamp(0, 65_535) as u32)
+    SensorCode::new(
+        (i64::from(position - c.adc_zero) / (c.adc_step >> 16).max(1)).clamp(0, 65_535) as u32,
+    )
 }
 
 /// Fills the memory: a drive that swings around the middle of the range, less at every turn.
@@ -145,13 +169,18 @@ fn fill(servo: &mut ServoTick, turns: u32) {
     let step = high.abs_diff(low) / (2 * turns + 4);
     servo.open_loop(high);
     for turn in 1..=turns {
-        servo.open_loop(if turn % 2 == 1 { low + turn * step } else { high - turn * step });
+        servo.open_loop(if turn % 2 == 1 {
+            low + turn * step
+        } else {
+            high - turn * step
+        });
     }
 }
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let channels = rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
+    let channels =
+        rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
     rtt_target::set_defmt_channel(channels.up.0);
     if let Some(mut core) = cortex_m::Peripherals::take() {
         core.DCB.enable_trace();
@@ -173,8 +202,12 @@ fn main() -> ! {
 
 /// Filters whose products are none of them nothing: what they are made for does not change the count.
 const LEARNING: LearningParameters = LearningParameters {
-    learning: Row { coefficients: [1 << 15; 64] },
-    robustness: Row { coefficients: [1 << 22; 64] },
+    learning: Row {
+        coefficients: [1 << 15; 64],
+    },
+    robustness: Row {
+        coefficients: [1 << 22; 64],
+    },
     error_limit: 1 << 24,
     point_limit: 1 << 14,
     periods_per_halving: 2,
@@ -182,8 +215,12 @@ const LEARNING: LearningParameters = LearningParameters {
 };
 
 /// Bounds that let every window change the gain.
-const ADAPTATION: AdaptationParameters =
-    AdaptationParameters { most: MOST, most_step: MOST / 40, error_limit: i32::MAX, least_motion: 1 << 8 };
+const ADAPTATION: AdaptationParameters = AdaptationParameters {
+    most: MOST,
+    most_step: MOST / 40,
+    error_limit: i32::MAX,
+    least_motion: 1 << 8,
+};
 
 /// Two turns more than there is room for, so that the memory is full whatever the direction.
 const TURNS: u32 = 2 * STACK_CAPACITY as u32 + 2;
@@ -200,7 +237,10 @@ fn measure(fresh: ServoTick) {
     servo.enable();
     let mut typical = Cost::NONE;
     let middle = servo.applied().to_bits();
-    let mut plant = Mode { position: middle, velocity: 0 };
+    let mut plant = Mode {
+        position: middle,
+        velocity: 0,
+    };
     for k in 0..600u32 {
         let phase = (k % 200) as i32;
         let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
@@ -219,7 +259,10 @@ fn measure(fresh: ServoTick) {
     servo.enable();
     let mut learning = Cost::NONE;
     let middle = servo.applied().to_bits();
-    let mut plant = Mode { position: middle, velocity: 0 };
+    let mut plant = Mode {
+        position: middle,
+        velocity: 0,
+    };
     for k in 0..1200u32 {
         let phase = (k % 200) as i32;
         let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
@@ -240,7 +283,10 @@ fn measure(fresh: ServoTick) {
     servo.enable();
     let mut adapting = Cost::NONE;
     let middle = servo.applied().to_bits();
-    let mut plant = Mode { position: middle, velocity: 0 };
+    let mut plant = Mode {
+        position: middle,
+        velocity: 0,
+    };
     for k in 0..6000u32 {
         let phase = (k % 200) as i32;
         let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
@@ -302,13 +348,22 @@ fn jump(fresh: &ServoTick, learning: Option<LearningParameters>, empty: u32) -> 
         servo.repeat(learning.map(|_| 200));
         servo.enable();
         let middle = servo.applied().to_bits();
-        let rest_ticks = if learning.is_some() { 200 + SETTLING_TICKS + 2 } else { 2 };
+        let rest_ticks = if learning.is_some() {
+            200 + SETTLING_TICKS + 2
+        } else {
+            2
+        };
         for _ in 0..rest_ticks {
             servo.tick(code_at(middle), Micrometres::from_bits(middle));
         }
         let away = (k / 2 - 16) << 20;
         for _ in 0..12 {
-            cost.tick(&mut servo, code_at(middle - 8 * away), middle + 4 * away, empty);
+            cost.tick(
+                &mut servo,
+                code_at(middle - 8 * away),
+                middle + 4 * away,
+                empty,
+            );
         }
     }
     cost
@@ -321,8 +376,14 @@ fn measure_conditioning(mut amplifier: Amplifier) {
     let empty = DWT::cycle_count().wrapping_sub(begin);
     let c = amplifier.parameters().servo.converters;
     let _ = amplifier.command(Command::Arm { tested: false });
-    let _ = amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 1200 });
-    let mut plant = Mode { position: 0, velocity: 0 };
+    let _ = amplifier.command(Command::Condition {
+        cycle_ticks: 2000,
+        rest_ticks: 1200,
+    });
+    let mut plant = Mode {
+        position: 0,
+        velocity: 0,
+    };
     let mut cost = Cost::NONE;
     for k in 0..3300u32 {
         let applied = amplifier.servo().applied().to_bits();
@@ -341,14 +402,23 @@ fn measure_amplifier(mut amplifier: Amplifier) {
     let begin = DWT::cycle_count();
     let empty = DWT::cycle_count().wrapping_sub(begin);
     let c = amplifier.parameters().servo.converters;
-    let tones =
-        [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, Micrometres::from_num(um), 0));
-    let reference = Command::Reference { waveform: Waveform::Multisine { tones }, offset: Micrometres::from_bits(94_000_000) };
+    let tones = [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)]
+        .map(|(increment, um)| (increment as u32, Micrometres::from_num(um), 0));
+    let reference = Command::Reference {
+        waveform: Waveform::Multisine { tones },
+        offset: Micrometres::from_bits(94_000_000),
+    };
     // There is no stage here whose memory could be another one.
     let _ = amplifier.command(Command::Arm { tested: false });
     let _ = amplifier.command(Command::RequireConditioning(false));
-    let (_, _) = (amplifier.command(reference), amplifier.command(Command::Enable));
-    let mut plant = Mode { position: 0, velocity: 0 };
+    let (_, _) = (
+        amplifier.command(reference),
+        amplifier.command(Command::Enable),
+    );
+    let mut plant = Mode {
+        position: 0,
+        velocity: 0,
+    };
     let (mut start, mut follow) = (Cost::NONE, Cost::NONE);
     for k in 0..3000u32 {
         let applied = amplifier.servo().applied().to_bits();

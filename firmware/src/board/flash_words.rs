@@ -23,10 +23,15 @@ pub async fn program<const WORD_BYTES: usize>(
     barrier();
     for (nth, piece) in bytes.chunks(WORD_BYTES).enumerate() {
         let mut word = [0xFF; WORD_BYTES];
-        word.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
+        word.iter_mut()
+            .zip(piece)
+            .for_each(|(to, from)| *to = *from);
         let to = address as usize + nth * WORD_BYTES;
         for (part, four) in word.chunks_exact(4).enumerate() {
-            let value = four.iter().rev().fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
+            let value = four
+                .iter()
+                .rev()
+                .fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
             // SAFETY: the caller's address is within a part of the flash that nothing of the image occupies;
             // the flash interface takes the store.
             unsafe { ((to + 4 * part) as *mut u32).write_volatile(value) };

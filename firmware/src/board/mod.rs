@@ -237,5 +237,8 @@ pub struct Clocks {
 /// What the clock tree gives.
 pub fn clocks(peripherals: &Peripherals) -> Clocks {
     let sys: Option<Hertz> = rcc::clocks(&peripherals.RCC).sys.into();
-    Clocks { core_hz: sys.map_or(0, |hertz| hertz.0), timer_hz: rcc::frequency::<TIM2>().0 }
+    Clocks {
+        core_hz: sys.map_or(0, |hertz| hertz.0),
+        timer_hz: rcc::frequency::<TIM2>().0,
+    }
 }

@@ -25,7 +25,8 @@ pub fn read() -> Option<SensorCode> {
 /// The drive's code for the next edge.
 #[inline(always)]
 pub fn write(code: u32) -> bool {
-    DAC1.dhr12r(0).write(|w| w.set_dhr(code.min(MOST_CODE) as u16));
+    DAC1.dhr12r(0)
+        .write(|w| w.set_dhr(code.min(MOST_CODE) as u16));
     true
 }
 

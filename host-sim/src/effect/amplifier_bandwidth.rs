@@ -4,8 +4,8 @@
 //! ([`super::arrival`]). In front of a slew limit, which makes another shape of it, it gives means.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
-    Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -76,18 +76,38 @@ impl Physics for AmplifierBandwidth {
         super::lag_parameters(overview)
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
-        let gives_mean = super::arrival::gliding_s(model).is_none() && super::takes_the_mean_in(model);
+        let gives_mean =
+            super::arrival::gliding_s(model).is_none() && super::takes_the_mean_in(model);
         let output_weight = if gives_mean { mean_weight } else { decay };
-        let left_of_rise = if setting.runs_straight { mean_weight } else { 0.0 };
-        Some(Box::new(LagStage { decay, output_weight, left_of_rise, voltage_v: model.drive_min_v, before_v: model.drive_min_v }))
+        let left_of_rise = if setting.runs_straight {
+            mean_weight
+        } else {
+            0.0
+        };
+        Some(Box::new(LagStage {
+            decay,
+            output_weight,
+            left_of_rise,
+            voltage_v: model.drive_min_v,
+            before_v: model.drive_min_v,
+        }))
     }
 
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
         // Loops bend on the way of a glide: in one interval a period the bench's sensor was found at 9.5 kHz,
         // in two at 9.7, in four at 9.9; it is at 10.
-        if super::takes_the_mean_in(model) && dt_s > 25e-6 { 2 } else { 1 }
+        if super::takes_the_mean_in(model) && dt_s > 25e-6 {
+            2
+        } else {
+            1
+        }
     }
 }
 
@@ -109,12 +129,20 @@ period is divided into 2. At rest `v = y = x`."
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
 impl SyntheticCases for AmplifierBandwidth {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![3000.0 / strength.max(0.01)])
     }
 }

@@ -60,18 +60,34 @@ impl Arrival {
         let (phi, held) = system.held_matrices(dt_s);
         match self {
             Self::Late(share) => {
-                let end = if share > 0.0 { system.held_matrices(dt_s * (1.0 - share)).1 } else { held.clone() };
-                Over { phi, start: held - &end, end }
+                let end = if share > 0.0 {
+                    system.held_matrices(dt_s * (1.0 - share)).1
+                } else {
+                    held.clone()
+                };
+                Over {
+                    phi,
+                    start: held - &end,
+                    end,
+                }
             }
             Self::Gliding(time_constant_s) => {
                 let left = self.left_after(dt_s);
                 // From one at the start to zero at the end: what decays, less what is left of it.
                 let start = (decaying(system, time_constant_s, dt_s) - left * &held) / (1.0 - left);
-                Over { phi, end: held - &start, start }
+                Over {
+                    phi,
+                    end: held - &start,
+                    start,
+                }
             }
             Self::Straight => {
                 let (phi, held, slope) = system.straight_matrices(dt_s);
-                Over { phi, start: held - &slope, end: slope }
+                Over {
+                    phi,
+                    start: held - &slope,
+                    end: slope,
+                }
             }
         }
     }
@@ -90,7 +106,10 @@ impl Arrival {
 /// slope is limited too, sub-intervals show the shape.
 pub(super) fn gliding_s(model: &Model) -> Option<f64> {
     let bandwidth_hz = model.values(amplifier_bandwidth::ID)?[0];
-    model.effect(slew_limit::ID).is_none().then(|| 1.0 / (std::f64::consts::TAU * bandwidth_hz))
+    model
+        .effect(slew_limit::ID)
+        .is_none()
+        .then(|| 1.0 / (std::f64::consts::TAU * bandwidth_hz))
 }
 
 /// What an input that begins at one and decays adds to the states of a system.
@@ -98,8 +117,12 @@ fn decaying(system: &ContinuousSystem, time_constant_s: f64, dt_s: f64) -> DVect
     let n = system.a.nrows();
     // The input is one state more.
     let mut with_input = DMatrix::zeros(n + 1, n + 1);
-    with_input.view_mut((0, 0), (n, n)).copy_from(&(&system.a * dt_s));
-    with_input.view_mut((0, n), (n, 1)).copy_from(&(&system.b * dt_s));
+    with_input
+        .view_mut((0, 0), (n, n))
+        .copy_from(&(&system.a * dt_s));
+    with_input
+        .view_mut((0, n), (n, 1))
+        .copy_from(&(&system.b * dt_s));
     with_input[(n, n)] = -dt_s / time_constant_s;
     with_input.exp().view((0, n), (n, 1)).column(0).into_owned()
 }
@@ -130,7 +153,9 @@ mod tests {
                 "lag" => reading += h * TAU * SENSOR_HZ * (place - reading),
                 "filter" => {
                     reading += h * rate;
-                    rate += h * (filter_rad_s.powi(2) * (place - reading) - 2.0 * FILTER[1] * filter_rad_s * rate);
+                    rate += h
+                        * (filter_rad_s.powi(2) * (place - reading)
+                            - 2.0 * FILTER[1] * filter_rad_s * rate);
                 }
                 _ => reading = place,
             }
@@ -144,9 +169,18 @@ mod tests {
     #[test]
     fn what_stands_behind_an_amplifier_is_exact_in_fast_and_slow_records() {
         let overview = Overview::without_data(0.0, 1.0);
-        for (mode, sensor) in [(true, ""), (true, "lag"), (false, "lag"), (false, "filter"), (true, "filter"), (false, "")] {
+        for (mode, sensor) in [
+            (true, ""),
+            (true, "lag"),
+            (false, "lag"),
+            (false, "filter"),
+            (true, "filter"),
+            (false, ""),
+        ] {
             let mut model = Model::new(0.0, 1.0);
-            let mut add = |effect: Arc<dyn Effect>, values: &[f64]| model.add(EffectInstance::new(effect, &overview, values));
+            let mut add = |effect: Arc<dyn Effect>, values: &[f64]| {
+                model.add(EffectInstance::new(effect, &overview, values))
+            };
             add(by_id("amplifier_bandwidth").unwrap(), &[AMPLIFIER_HZ]);
             if mode {
                 add(by_id("vibration").unwrap(), &MODE);
@@ -161,7 +195,11 @@ mod tests {
                 let reading = model.simulate(&drive);
                 for k in 1..4 {
                     let expected = by_euler(mode, sensor, k as f64 * dt_s);
-                    assert!((reading[k] - expected).abs() < 3e-4, "{mode} {sensor} {dt_s} {k}: {} {expected}", reading[k]);
+                    assert!(
+                        (reading[k] - expected).abs() < 3e-4,
+                        "{mode} {sensor} {dt_s} {k}: {} {expected}",
+                        reading[k]
+                    );
                 }
             }
         }

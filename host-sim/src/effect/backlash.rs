@@ -6,8 +6,8 @@
 //! bristle does the same; in front of a mode the gap comes first, and nothing holds the mass.
 
 use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
+    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -25,11 +25,16 @@ struct BacklashStage {
 
 impl Stage for BacklashStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        self.taken_along_um = self.taken_along_um.max(input - self.half_gap_um).min(input + self.half_gap_um);
+        self.taken_along_um = self
+            .taken_along_um
+            .max(input - self.half_gap_um)
+            .min(input + self.half_gap_um);
         self.taken_along_um
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Gap { half: self.half_gap_um }])
+        Some(vec![Block::Gap {
+            half: self.half_gap_um,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.taken_along_um = input;
@@ -57,11 +62,25 @@ impl Physics for Backlash {
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::linear("gap_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6))]
+        vec![Parameter::linear(
+            "gap_um",
+            "um",
+            0.0,
+            0.5 * overview.range_um,
+            1e-4 * overview.range_um.max(1e-6),
+        )]
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(BacklashStage { half_gap_um: 0.5 * values[0].max(0.0), taken_along_um: 0.0 }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(BacklashStage {
+            half_gap_um: 0.5 * values[0].max(0.0),
+            taken_along_um: 0.0,
+        }))
     }
 }
 
@@ -69,7 +88,10 @@ impl Estimation for Backlash {}
 
 impl SearchHints for Backlash {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.002, 0.01, 0.04].iter().map(|share| vec![share * overview.range_um]).collect()
+        [0.002, 0.01, 0.04]
+            .iter()
+            .map(|share| vec![share * overview.range_um])
+            .collect()
     }
 }
 
@@ -91,7 +113,12 @@ impl SyntheticCases for Backlash {
         Planted::Never
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.06 * strength])
     }
 }
@@ -102,9 +129,18 @@ mod tests {
 
     #[test]
     fn a_stage_behind_a_gap_moves_once_it_is_crossed() {
-        let mut stage = BacklashStage { half_gap_um: 0.5, taken_along_um: 0.0 };
-        let behind: Vec<f64> = [0.4, 2.0, 1.5, 1.0, 0.0, 0.6, 1.2].into_iter().map(|input| stage.step(0, input)).collect();
+        let mut stage = BacklashStage {
+            half_gap_um: 0.5,
+            taken_along_um: 0.0,
+        };
+        let behind: Vec<f64> = [0.4, 2.0, 1.5, 1.0, 0.0, 0.6, 1.2]
+            .into_iter()
+            .map(|input| stage.step(0, input))
+            .collect();
         assert_eq!(behind, [0.0, 1.5, 1.5, 1.5, 0.5, 0.5, 0.7]);
-        assert_eq!((stage.settle(3.0), stage.step(0, 3.4), stage.step(0, 3.6)), (3.0, 3.0, 3.1));
+        assert_eq!(
+            (stage.settle(3.0), stage.step(0, 3.4), stage.step(0, 3.6)),
+            (3.0, 3.0, 3.1)
+        );
     }
 }

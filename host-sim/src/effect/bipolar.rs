@@ -1,6 +1,9 @@
 //! Bipolar drive: the hysteresis counts from a lower limit below the drive's nominal one.
 
-use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
+use super::{
+    Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -12,7 +15,10 @@ pub struct Bipolar;
 /// Lower limit of the hysteresis in `model`, V.
 #[must_use]
 pub fn lower_limit_v(model: &Model) -> f64 {
-    model.values(ID).and_then(|v| v.first().copied()).unwrap_or(model.drive_min_v)
+    model
+        .values(ID)
+        .and_then(|v| v.first().copied())
+        .unwrap_or(model.drive_min_v)
 }
 
 impl Physics for Bipolar {
@@ -31,10 +37,24 @@ impl Physics for Bipolar {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();
-        vec![Parameter::linear("lower_limit_v", "V", overview.drive_min_v - 2.0 * range, overview.drive_min_v, 0.01 * range).fixed()]
+        vec![
+            Parameter::linear(
+                "lower_limit_v",
+                "V",
+                overview.drive_min_v - 2.0 * range,
+                overview.drive_min_v,
+                0.01 * range,
+            )
+            .fixed(),
+        ]
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }

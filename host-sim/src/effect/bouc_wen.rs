@@ -1,7 +1,8 @@
 //! Bouc-Wen hysteresis: one state that follows the drive and saturates.
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -98,7 +99,12 @@ impl Physics for BoucWen {
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(BoucWenStage::new(model, values)))
     }
 

@@ -1,8 +1,8 @@
 //! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
-    Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -24,7 +24,14 @@ impl Stage for LeakStage {
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         let stays = 1.0 - self.decay;
-        let mut leak = Linear::reading_states(vec![vec![self.decay]], vec![0.0], vec![stays], &[-self.share], 1.0, vec![1.0]);
+        let mut leak = Linear::reading_states(
+            vec![vec![self.decay]],
+            vec![0.0],
+            vec![stays],
+            &[-self.share],
+            1.0,
+            vec![1.0],
+        );
         leak.offset = self.rest_v;
         Some(vec![Block::Linear(leak)])
     }
@@ -55,9 +62,19 @@ impl Physics for ChargeLeakage {
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         let decay = (-setting.dt_s / values[1]).exp();
-        Some(Box::new(LeakStage { decay, share: values[0], leaked: 0.0, rest_v: model.drive_min_v }))
+        Some(Box::new(LeakStage {
+            decay,
+            share: values[0],
+            leaked: 0.0,
+            rest_v: model.drive_min_v,
+        }))
     }
 }
 
@@ -65,7 +82,10 @@ impl Estimation for ChargeLeakage {}
 
 impl SearchHints for ChargeLeakage {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.1, 1.0, 5.0].iter().map(|times| vec![0.02, times * overview.duration_s]).collect()
+        [0.1, 1.0, 5.0]
+            .iter()
+            .map(|times| vec![0.02, times * overview.duration_s])
+            .collect()
     }
 }
 
@@ -77,12 +97,20 @@ With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_m
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
+        Picture {
+            against: Against::Time,
+            caption: "An error that goes its own way in time, whatever the drive does.",
+        }
     }
 }
 
 impl SyntheticCases for ChargeLeakage {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
     }
 }

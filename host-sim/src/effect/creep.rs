@@ -8,8 +8,9 @@
 //! equilibrium has hysteresis.
 
 use super::{
-    Against, Declaration, Effect, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Effect, Estimation, FreeMotion, LinearLanes, Overview, Parameter,
+    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
+    SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::{EffectInstance, Model};
@@ -65,10 +66,25 @@ impl CreepStage {
                 let decay = (-dt_s / tau_s).exp();
                 // Exact for an input that runs straight through the interval.
                 let mean = -(-dt_s / tau_s).exp_m1() * tau_s / dt_s;
-                Term { share, decay, from_start: mean - decay, from_end: 1.0 - mean, state: 0.0 }
+                Term {
+                    share,
+                    decay,
+                    from_start: mean - decay,
+                    from_end: 1.0 - mean,
+                    state: 0.0,
+                }
             })
             .collect();
-        Self { terms: all.iter().filter(|term| term.share != 0.0).copied().collect(), all, input: 0.0, kept: None }
+        Self {
+            terms: all
+                .iter()
+                .filter(|term| term.share != 0.0)
+                .copied()
+                .collect(),
+            all,
+            input: 0.0,
+            kept: None,
+        }
     }
 }
 
@@ -81,8 +97,13 @@ fn run_side_by_side(
     outputs: &mut [f64],
     mut see: impl FnMut(&[f64; SIDE_BY_SIDE]),
 ) {
-    let [share, decay, from_start, from_end] =
-        [|t: &Term| t.share, |t: &Term| t.decay, |t: &Term| t.from_start, |t: &Term| t.from_end].map(|of| terms.each_ref().map(of));
+    let [share, decay, from_start, from_end] = [
+        |t: &Term| t.share,
+        |t: &Term| t.decay,
+        |t: &Term| t.from_start,
+        |t: &Term| t.from_end,
+    ]
+    .map(|of| terms.each_ref().map(of));
     let mut states = terms.each_ref().map(|t| t.state);
     for (input, output) in inputs.iter().zip(outputs) {
         let mut sum = 0.0;
@@ -94,28 +115,39 @@ fn run_side_by_side(
         *output += sum;
         before = *input;
     }
-    terms.iter_mut().zip(states).for_each(|(term, state)| term.state = state);
+    terms
+        .iter_mut()
+        .zip(states)
+        .for_each(|(term, state)| term.state = state);
 }
 
 impl Stage for CreepStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let mut output = input;
         for term in &mut self.terms {
-            term.state = term.decay * term.state + (term.from_start * self.input + term.from_end * input);
+            term.state =
+                term.decay * term.state + (term.from_start * self.input + term.from_end * input);
             output += term.share * term.state;
         }
         self.input = input;
         output
     }
     fn run(&mut self, _from: usize, signal: &mut [f64]) {
-        let Some(last) = signal.last().copied() else { return };
+        let Some(last) = signal.last().copied() else {
+            return;
+        };
         let inputs = signal.to_vec();
-        let mut states: Option<Vec<f64>> = self.kept.as_ref().map(|_| Vec::with_capacity((self.terms.len() + SIDE_BY_SIDE) * inputs.len()));
+        let mut states: Option<Vec<f64>> = self
+            .kept
+            .as_ref()
+            .map(|_| Vec::with_capacity((self.terms.len() + SIDE_BY_SIDE) * inputs.len()));
         for terms in self.terms.chunks_mut(SIDE_BY_SIDE) {
             let mut padded = [Term::default(); SIDE_BY_SIDE];
             padded[..terms.len()].copy_from_slice(terms);
             match &mut states {
-                Some(states) => run_side_by_side(&mut padded, self.input, &inputs, signal, |now| states.extend_from_slice(now)),
+                Some(states) => run_side_by_side(&mut padded, self.input, &inputs, signal, |now| {
+                    states.extend_from_slice(now)
+                }),
                 None => run_side_by_side(&mut padded, self.input, &inputs, signal, |_| ()),
             }
             terms.copy_from_slice(&padded[..terms.len()]);
@@ -143,7 +175,13 @@ impl Stage for CreepStage {
         let (shares, rest) = part.split_at(self.all.len());
         let (outputs, states) = rest.split_at(signal.len());
         signal.copy_from_slice(outputs);
-        for (k, (term, share)) in self.all.iter().zip(shares).enumerate().filter(|(_, (term, share))| term.share != **share) {
+        for (k, (term, share)) in self
+            .all
+            .iter()
+            .zip(shares)
+            .enumerate()
+            .filter(|(_, (term, share))| term.share != **share)
+        {
             let more = term.share - share;
             let of_some = &states[k / SIDE_BY_SIDE * SIDE_BY_SIDE * signal.len()..];
             for (value, states) in signal.iter_mut().zip(of_some.chunks_exact(SIDE_BY_SIDE)) {
@@ -153,10 +191,21 @@ impl Stage for CreepStage {
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         let of = |value: fn(&Term) -> f64| self.terms.iter().map(value).collect::<Vec<f64>>();
-        let diagonal = |i: usize| (0..self.terms.len()).map(|j| if i == j { self.terms[i].decay } else { 0.0 }).collect();
+        let diagonal = |i: usize| {
+            (0..self.terms.len())
+                .map(|j| if i == j { self.terms[i].decay } else { 0.0 })
+                .collect()
+        };
         let phi = (0..self.terms.len()).map(diagonal).collect();
         let rest = vec![1.0; self.terms.len()];
-        Some(vec![Block::Linear(Linear::reading_states(phi, of(|t| t.from_start), of(|t| t.from_end), &of(|t| t.share), 1.0, rest))])
+        Some(vec![Block::Linear(Linear::reading_states(
+            phi,
+            of(|t| t.from_start),
+            of(|t| t.from_end),
+            &of(|t| t.share),
+            1.0,
+            rest,
+        ))])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
@@ -168,8 +217,16 @@ impl Stage for CreepStage {
         output
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        let terms = self.all.iter().filter(|t| t.share != 0.0).map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
-        Some(Box::new(CreepLanes { terms, inputs: vec![0.0; lanes] }))
+        let terms = self
+            .all
+            .iter()
+            .filter(|t| t.share != 0.0)
+            .map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes]))
+            .collect();
+        Some(Box::new(CreepLanes {
+            terms,
+            inputs: vec![0.0; lanes],
+        }))
     }
 }
 
@@ -195,7 +252,9 @@ impl LinearLanes for CreepLanes {
             row_in.copy_from_slice(row);
             for (term, states) in &mut self.terms {
                 let (before, now) = (&self.inputs[..lanes], &row_in[..lanes]);
-                for (((out, state), before), now) in row.iter_mut().zip(states.iter_mut()).zip(before).zip(now) {
+                for (((out, state), before), now) in
+                    row.iter_mut().zip(states.iter_mut()).zip(before).zip(now)
+                {
                     *state = term.decay * *state + term.from_start * before + term.from_end * now;
                     *out += term.share * *state;
                 }
@@ -211,7 +270,16 @@ impl Creep {
         let longest = (overview.duration_s / 2.0).max(1e-3);
         let shortest = (longest / 1000.0).max(0.005).min(longest / 2.0);
         let n = self.terms.max(1);
-        (0..n).map(|i| shortest * (longest / shortest).powf(if n == 1 { 1.0 } else { i as f64 / (n - 1) as f64 })).collect()
+        (0..n)
+            .map(|i| {
+                shortest
+                    * (longest / shortest).powf(if n == 1 {
+                        1.0
+                    } else {
+                        i as f64 / (n - 1) as f64
+                    })
+            })
+            .collect()
     }
 }
 
@@ -227,11 +295,18 @@ pub(super) fn stage_of_terms(values: &[f64], dt_s: f64) -> Box<dyn Stage> {
 /// off the other parameters, whatever its form.
 #[must_use]
 pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> EffectInstance {
-    let mut creep = EffectInstance::new(Arc::new(Creep { terms: time_constants_s.len() }), overview, &[]);
+    let mut creep = EffectInstance::new(
+        Arc::new(Creep {
+            terms: time_constants_s.len(),
+        }),
+        overview,
+        &[],
+    );
     for (pair, tau_s) in creep.parameters.chunks_exact_mut(2).zip(time_constants_s) {
         if let [share, tau] = pair {
             (share.parameter.lower, share.parameter.upper, share.value) = (-2.0, 2.0, 0.01);
-            (tau.parameter.lower, tau.parameter.upper, tau.value) = (0.5 * tau_s, 2.0 * tau_s, *tau_s);
+            (tau.parameter.lower, tau.parameter.upper, tau.value) =
+                (0.5 * tau_s, 2.0 * tau_s, *tau_s);
         }
     }
     creep
@@ -259,8 +334,15 @@ impl Physics for Creep {
             .enumerate()
             .flat_map(|(i, tau)| {
                 [
-                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01).expected_within(EXPECTED_SHARE),
-                    Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).on_a_grid(),
+                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01)
+                        .expected_within(EXPECTED_SHARE),
+                    Parameter::logarithmic(
+                        format!("time_constant_{}_s", i + 1),
+                        "s",
+                        tau / 10.0,
+                        tau * 10.0,
+                    )
+                    .on_a_grid(),
                 ]
             })
             .collect()
@@ -270,18 +352,30 @@ impl Physics for Creep {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         // Those without a share too: a spectrum of creep is smooth, and shares that are not negative come out
         // sparse.
-        values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
+        values
+            .chunks_exact(2)
+            .map(|pair| FreeMotion {
+                decay_per_s: 1.0 / pair[1],
+                frequency_rad_s: 0.0,
+            })
+            .collect()
     }
 
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
+        (count > 0 && count.is_multiple_of(2))
+            .then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
     }
 }
 
@@ -298,7 +392,14 @@ impl Estimation for Creep {
 impl SearchHints for Creep {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let taus = self.time_constants_s(overview);
-        (0..taus.len()).map(|k| taus.iter().enumerate().flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau]).collect()).collect()
+        (0..taus.len())
+            .map(|k| {
+                taus.iter()
+                    .enumerate()
+                    .flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau])
+                    .collect()
+            })
+            .collect()
     }
 
     fn starts_combine(&self) -> bool {
@@ -327,7 +428,17 @@ impl SyntheticCases for Creep {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some([0.02, 0.2, 2.0, 20.0].iter().flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau]).collect())
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
+        Some(
+            [0.02, 0.2, 2.0, 20.0]
+                .iter()
+                .flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau])
+                .collect(),
+        )
     }
 }

@@ -6,7 +6,8 @@
 //! the nonlinear creep of log(t) type. A threshold of zero gives the linear terms of [`super::creep`].
 
 use super::{
-    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation,
+    SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use std::sync::Arc;
@@ -27,7 +28,9 @@ pub struct CreepOperators {
 
 impl Default for CreepOperators {
     fn default() -> Self {
-        Self { operators: THRESHOLDS.len() * TIME_CONSTANTS }
+        Self {
+            operators: THRESHOLDS.len() * TIME_CONSTANTS,
+        }
     }
 }
 
@@ -46,7 +49,14 @@ impl Operator {
         let (share, threshold_um, tau_s) = (values[0], values[1].max(0.0), values[2].max(1e-9));
         let decay = (-dt_s / tau_s).exp();
         let mean = -(-dt_s / tau_s).exp_m1() * tau_s / dt_s;
-        Self { share, threshold_um, decay, from_start: mean - decay, from_end: 1.0 - mean, state_um: 0.0 }
+        Self {
+            share,
+            threshold_um,
+            decay,
+            from_start: mean - decay,
+            from_end: 1.0 - mean,
+            state_um: 0.0,
+        }
     }
 
     /// One interval in which the displacement runs straight: exact where it stays on one side of the
@@ -58,7 +68,8 @@ impl Operator {
             far if far < -self.threshold_um => -self.threshold_um,
             _ => return self.share * self.state_um,
         };
-        let followed_um = self.from_start * (start_um - offset_um) + self.from_end * (end_um - offset_um);
+        let followed_um =
+            self.from_start * (start_um - offset_um) + self.from_end * (end_um - offset_um);
         self.state_um = self.decay * self.state_um + followed_um;
         self.share * self.state_um
     }
@@ -72,13 +83,20 @@ struct OperatorStage {
 impl Stage for OperatorStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let before_um = std::mem::replace(&mut self.input_um, input);
-        input + self.operators.iter_mut().map(|operator| operator.step(before_um, input)).sum::<f64>()
+        input
+            + self
+                .operators
+                .iter_mut()
+                .map(|operator| operator.step(before_um, input))
+                .sum::<f64>()
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input_um = input;
         let mut output = input;
         for operator in &mut self.operators {
-            operator.state_um = operator.state_um.clamp(input - operator.threshold_um, input + operator.threshold_um);
+            operator.state_um = operator
+                .state_um
+                .clamp(input - operator.threshold_um, input + operator.threshold_um);
             output += operator.share * operator.state_um;
         }
         output
@@ -107,8 +125,21 @@ impl Physics for CreepOperators {
             .flat_map(|i| {
                 [
                     Parameter::linear(format!("share_{i}"), "1", 0.0, 0.9, 0.01),
-                    Parameter::linear(format!("threshold_{i}_um"), "um", 0.0, 10.0 * range_um, 0.01 * range_um).on_a_grid(),
-                    Parameter::logarithmic(format!("time_constant_{i}_s"), "s", 1e-6 * longest_s, 100.0 * longest_s).on_a_grid(),
+                    Parameter::linear(
+                        format!("threshold_{i}_um"),
+                        "um",
+                        0.0,
+                        10.0 * range_um,
+                        0.01 * range_um,
+                    )
+                    .on_a_grid(),
+                    Parameter::logarithmic(
+                        format!("time_constant_{i}_s"),
+                        "s",
+                        1e-6 * longest_s,
+                        100.0 * longest_s,
+                    )
+                    .on_a_grid(),
                 ]
             })
             .collect()
@@ -119,12 +150,27 @@ impl Physics for CreepOperators {
     }
 
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0 && count.is_multiple_of(3)).then(|| Arc::new(Self { operators: count / 3 }) as Arc<dyn Effect>)
+        (count > 0 && count.is_multiple_of(3)).then(|| {
+            Arc::new(Self {
+                operators: count / 3,
+            }) as Arc<dyn Effect>
+        })
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let operators = values.chunks_exact(3).map(|v| Operator::new(v, setting.dt_s)).collect();
-        Some(Box::new(OperatorStage { operators, input_um: 0.0 }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        let operators = values
+            .chunks_exact(3)
+            .map(|v| Operator::new(v, setting.dt_s))
+            .collect();
+        Some(Box::new(OperatorStage {
+            operators,
+            input_um: 0.0,
+        }))
     }
 }
 
@@ -142,8 +188,13 @@ impl SearchHints for CreepOperators {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let longest_s = (overview.duration_s / 2.0).max(1e-3);
         let grid = (0..self.operators).flat_map(|i| {
-            let threshold_um = THRESHOLDS[i / TIME_CONSTANTS % THRESHOLDS.len()] * overview.range_um.max(1e-6);
-            [0.002, threshold_um, longest_s * 10f64.powi((i % TIME_CONSTANTS) as i32 + 1 - TIME_CONSTANTS as i32)]
+            let threshold_um =
+                THRESHOLDS[i / TIME_CONSTANTS % THRESHOLDS.len()] * overview.range_um.max(1e-6);
+            [
+                0.002,
+                threshold_um,
+                longest_s * 10f64.powi((i % TIME_CONSTANTS) as i32 + 1 - TIME_CONSTANTS as i32),
+            ]
         });
         vec![grid.collect()]
     }

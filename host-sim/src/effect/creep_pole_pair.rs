@@ -7,8 +7,8 @@
 //! and this one.
 
 use super::{
-    Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage,
-    SyntheticCases,
+    Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Place,
+    Presentation, SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -56,7 +56,12 @@ impl Carried {
 
     #[inline]
     fn next(&self, [z, v]: [f64; 2], start: f64, end: f64) -> [f64; 2] {
-        std::array::from_fn(|i| self.phi[i][0] * z + self.phi[i][1] * v + self.from_start[i] * start + self.from_end[i] * end)
+        std::array::from_fn(|i| {
+            self.phi[i][0] * z
+                + self.phi[i][1] * v
+                + self.from_start[i] * start
+                + self.from_end[i] * end
+        })
     }
 
     #[inline]
@@ -84,11 +89,22 @@ impl Stage for PairStage {
     fn blocks(&self) -> Option<Vec<Block>> {
         let c = &self.carried;
         let phi = c.phi.iter().map(|row| row.to_vec()).collect();
-        let block = Linear::reading_states(phi, c.from_start.to_vec(), c.from_end.to_vec(), &c.shares, 1.0, vec![1.0, 0.0]);
+        let block = Linear::reading_states(
+            phi,
+            c.from_start.to_vec(),
+            c.from_end.to_vec(),
+            &c.shares,
+            1.0,
+            vec![1.0, 0.0],
+        );
         Some(vec![Block::Linear(block)])
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        Some(Box::new(PairLanes { carried: self.carried, states: vec![[0.0; 2]; lanes], inputs: vec![0.0; lanes] }))
+        Some(Box::new(PairLanes {
+            carried: self.carried,
+            states: vec![[0.0; 2]; lanes],
+            inputs: vec![0.0; lanes],
+        }))
     }
 }
 
@@ -108,7 +124,9 @@ impl LinearLanes for PairLanes {
     }
     fn run(&mut self, block: &mut [f64]) {
         for row in block.chunks_exact_mut(self.inputs.len()) {
-            for ((value, state), input) in row.iter_mut().zip(&mut self.states).zip(&mut self.inputs) {
+            for ((value, state), input) in
+                row.iter_mut().zip(&mut self.states).zip(&mut self.inputs)
+            {
                 *state = self.carried.next(*state, *input, *value);
                 *input = *value;
                 *value += self.carried.adds(*state);
@@ -135,7 +153,12 @@ impl Physics for CreepPolePair {
         vec![
             Parameter::linear("share", "1", -0.9, 0.9, 0.01),
             Parameter::linear("velocity_share", "1", -0.9, 0.9, 0.01),
-            Parameter::logarithmic("natural_frequency_rad_s", "rad/s", slowest_rad_s(overview), TAU * FASTEST_HZ),
+            Parameter::logarithmic(
+                "natural_frequency_rad_s",
+                "rad/s",
+                slowest_rad_s(overview),
+                TAU * FASTEST_HZ,
+            ),
             Parameter::logarithmic("damping_ratio", "1", 0.01, 0.99),
         ]
     }
@@ -144,13 +167,25 @@ impl Physics for CreepPolePair {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PairStage { carried: Carried::new(values, setting.dt_s), state: [0.0; 2], input: 0.0 }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(PairStage {
+            carried: Carried::new(values, setting.dt_s),
+            state: [0.0; 2],
+            input: 0.0,
+        }))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         let (w, xi) = (values[2], values[3].min(1.0));
-        vec![FreeMotion { decay_per_s: xi * w, frequency_rad_s: w * (1.0 - xi * xi).sqrt() }]
+        vec![FreeMotion {
+            decay_per_s: xi * w,
+            frequency_rad_s: w * (1.0 - xi * xi).sqrt(),
+        }]
     }
 }
 
@@ -199,12 +234,20 @@ mod tests {
     /// Oracle: the printed transfer function of the thesis in its own realisation, behind a gain of one.
     #[test]
     fn behind_two_terms_it_is_the_creep_of_the_thesis() {
-        let overview = Overview { duration_s: 30.0, ..Overview::without_data(0.0, 80.0) };
+        let overview = Overview {
+            duration_s: 30.0,
+            ..Overview::without_data(0.0, 80.0)
+        };
         let mut model = Model::new(0.0, 80.0);
         // Poles and zeros of 1 + G_2, by numpy.roots.
         let poles = [-0.133426538220834, -1.59181716335929];
         let zeros = [-0.136863082123545, -1.65989370234604];
-        let pair = [0.00524284154439037, 0.00448836736645482, 24.2598050071301, 0.255046491403844];
+        let pair = [
+            0.00524284154439037,
+            0.00448836736645482,
+            24.2598050071301,
+            0.255046491403844,
+        ];
         let share = |k: usize| {
             let p: f64 = poles[k];
             -(p - zeros[0]) * (p - zeros[1]) / (p - poles[1 - k]) / p
@@ -212,17 +255,38 @@ mod tests {
         let two = by_id("creep").unwrap().with_parameters(4).unwrap();
         let mut creep = EffectInstance::new(two, &overview, &[]);
         let values = [share(0), -1.0 / poles[0], share(1), -1.0 / poles[1]];
-        creep.parameters.iter_mut().zip(values).for_each(|(parameter, value)| parameter.value = value);
-        model.add(EffectInstance::new(by_id("gain").unwrap(), &overview, &[1.0]));
+        creep
+            .parameters
+            .iter_mut()
+            .zip(values)
+            .for_each(|(parameter, value)| parameter.value = value);
+        model.add(EffectInstance::new(
+            by_id("gain").unwrap(),
+            &overview,
+            &[1.0],
+        ));
         model.add(creep);
         model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &pair));
-        let drive_v: Vec<f64> = (0..6000).map(|k| if k < 10 { 0.0 } else { 30.0 + 10.0 * (0.002 * f64::from(k)).sin() }).collect();
+        let drive_v: Vec<f64> = (0..6000)
+            .map(|k| {
+                if k < 10 {
+                    0.0
+                } else {
+                    30.0 + 10.0 * (0.002 * f64::from(k)).sin()
+                }
+            })
+            .collect();
         let drive = Drive::held(&drive_v, 0.001, InitialState::Virgin);
         let reading = model.simulate(&drive);
-        let mut g2 = ContinuousSystem::from_transfer_function(&[0.1804, 4.181, 47.84, 9.404], &[1.0, 14.10, 610.1, 1018.0, 125.0])
-            .unwrap()
-            .discretise(0.001);
-        let expected: Vec<f64> = std::iter::once(0.0).chain(drive_v.iter().map(|u| u + g2.step_straight(*u))).collect();
+        let mut g2 = ContinuousSystem::from_transfer_function(
+            &[0.1804, 4.181, 47.84, 9.404],
+            &[1.0, 14.10, 610.1, 1018.0, 125.0],
+        )
+        .unwrap()
+        .discretise(0.001);
+        let expected: Vec<f64> = std::iter::once(0.0)
+            .chain(drive_v.iter().map(|u| u + g2.step_straight(*u)))
+            .collect();
         for (k, (a, b)) in reading.iter().zip(&expected).enumerate() {
             // Between the two stages the motion is taken to run straight over a sample: of a step of 30 that
             // leaves some 1e-8 of it.

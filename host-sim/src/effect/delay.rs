@@ -6,8 +6,8 @@
 //! of its own, the delay stands where it acts and the period is divided.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::{EffectInstance, Model};
@@ -33,7 +33,10 @@ impl Stage for DelayStage {
         self.late_share * late + (1.0 - self.late_share) * early
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Delay { whole: self.line.len() - 1, late_share: self.late_share }])
+        Some(vec![Block::Delay {
+            whole: self.line.len() - 1,
+            late_share: self.late_share,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.line.iter_mut().for_each(|v| *v = input);
@@ -48,12 +51,19 @@ pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
     let passes_steps_on = |e: &EffectInstance| {
         let place = e.effect.declaration().place;
         // Friction acts on the moving mass, in the vibration stage.
-        let behind_or_itself = place >= Place::Vibration || matches!(place, Place::Friction | Place::Delay);
-        let without_clock =
-            matches!(place, Place::AmplifierSaturation | Place::Charge | Place::Hysteresis) && e.effect.definition().is_none();
+        let behind_or_itself =
+            place >= Place::Vibration || matches!(place, Place::Friction | Place::Delay);
+        let without_clock = matches!(
+            place,
+            Place::AmplifierSaturation | Place::Charge | Place::Hysteresis
+        ) && e.effect.definition().is_none();
         behind_or_itself || without_clock
     };
-    model.effects.iter().all(passes_steps_on).then(|| delay.parameters[0].value)
+    model
+        .effects
+        .iter()
+        .all(passes_steps_on)
+        .then(|| delay.parameters[0].value)
 }
 
 impl Physics for Delay {
@@ -72,10 +82,21 @@ impl Physics for Delay {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let dt_s = 1.0 / overview.sample_rate_max_hz;
-        vec![Parameter::linear("delay_s", "s", 0.0, 200.0 * dt_s, 0.05 * dt_s)]
+        vec![Parameter::linear(
+            "delay_s",
+            "s",
+            0.0,
+            200.0 * dt_s,
+            0.05 * dt_s,
+        )]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         // Where the drive runs straight, what the stage makes of two ends is no mean but the place between
         // them.
         if taken_in_s(model).is_some() && !setting.runs_straight {
@@ -84,7 +105,10 @@ impl Physics for Delay {
         let intervals = (values[0] / setting.dt_s).max(0.0);
         let whole = intervals.floor();
         let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
-        Some(Box::new(DelayStage { line, late_share: intervals - whole }))
+        Some(Box::new(DelayStage {
+            line,
+            late_share: intervals - whole,
+        }))
     }
 
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
@@ -94,7 +118,10 @@ impl Physics for Delay {
         let takes_time = |e: &EffectInstance| {
             matches!(
                 e.effect.declaration().place,
-                Place::AmplifierBandwidth | Place::AmplifierSlew | Place::Vibration | Place::SensorBandwidth
+                Place::AmplifierBandwidth
+                    | Place::AmplifierSlew
+                    | Place::Vibration
+                    | Place::SensorBandwidth
             )
         };
         if taken_in_s(model).is_some() || !model.effects.iter().any(takes_time) {
@@ -102,7 +129,11 @@ impl Physics for Delay {
         }
         // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before
         // the period is.
-        if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
+        if dt_s > 60e-6 {
+            super::substeps_inside_period(dt_s).max(2)
+        } else {
+            1
+        }
     }
 }
 
@@ -127,7 +158,10 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
+        Picture {
+            against: Against::Rate,
+            caption: "An error that grows with the rate of the drive and changes sign with it.",
+        }
     }
 }
 
@@ -136,7 +170,12 @@ impl SyntheticCases for Delay {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![50e-6 * strength])
     }
 }
@@ -149,7 +188,9 @@ mod tests {
     fn model(delay_s: f64, friction: bool) -> Model {
         let overview = Overview::without_data(0.0, 70.0);
         let mut model = Model::new(0.0, 70.0);
-        let mut add = |id: &str, values: &[f64]| model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+        let mut add = |id: &str, values: &[f64]| {
+            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values))
+        };
         add("hysteresis", &[10.0, 1.0, -1.0]);
         add("delay", &[delay_s]);
         add("vibration", &[6000.0, 0.1]);
@@ -162,7 +203,9 @@ mod tests {
     }
 
     fn drive_v(samples: usize) -> Vec<f64> {
-        (0..samples).map(|k| 35.0 + 30.0 * (0.3 * k as f64).sin() * (0.017 * k as f64).cos()).collect()
+        (0..samples)
+            .map(|k| 35.0 + 30.0 * (0.3 * k as f64).sin() * (0.017 * k as f64).cos())
+            .collect()
     }
 
     fn simulate(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
@@ -174,9 +217,14 @@ mod tests {
     fn largest_difference_from_shifted_drive(fifths: usize, friction: bool, dt_s: f64) -> f64 {
         let drive_v = drive_v(300);
         let late = simulate(&model(0.2 * fifths as f64 * dt_s, friction), &drive_v, dt_s);
-        let shifted: Vec<f64> = (0..5 * drive_v.len()).map(|k| drive_v[k.saturating_sub(fifths) / 5]).collect();
+        let shifted: Vec<f64> = (0..5 * drive_v.len())
+            .map(|k| drive_v[k.saturating_sub(fifths) / 5])
+            .collect();
         let fine = simulate(&model(0.0, friction), &shifted, dt_s / 5.0);
-        late.iter().enumerate().map(|(k, late)| (late - fine[5 * k]).abs()).fold(0.0, f64::max)
+        late.iter()
+            .enumerate()
+            .map(|(k, late)| (late - fine[5 * k]).abs())
+            .fold(0.0, f64::max)
     }
 
     #[test]
@@ -186,7 +234,10 @@ mod tests {
             // At this period the bristle is followed in five pieces of an interval, so that both chains take
             // the same steps. While it slides its bend is taken to be that of steady sliding, to a
             // hundred-thousandth of the 0.05 um that it holds back; how often that is, is not the same.
-            assert!(largest_difference_from_shifted_drive(fifths, true, 350e-6) < 1e-5 * 0.05, "{fifths}");
+            assert!(
+                largest_difference_from_shifted_drive(fifths, true, 350e-6) < 1e-5 * 0.05,
+                "{fifths}"
+            );
         }
     }
 
@@ -197,8 +248,14 @@ mod tests {
         let (dt_s, drive_v) = (500e-6, drive_v(200));
         for friction in [false, true] {
             for periods in [1.5, 1.9, 2.0, 2.1, 2.25] {
-                let [below, above] = [-1e-6, 1e-6].map(|more| simulate(&model((periods + more) * dt_s, friction), &drive_v, dt_s));
-                let jump_um = below.iter().zip(&above).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let [below, above] = [-1e-6, 1e-6].map(|more| {
+                    simulate(&model((periods + more) * dt_s, friction), &drive_v, dt_s)
+                });
+                let jump_um = below
+                    .iter()
+                    .zip(&above)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f64::max);
                 assert!(jump_um < 3e-4, "{friction} {periods}: {jump_um}");
             }
         }

@@ -1,7 +1,8 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -44,7 +45,9 @@ impl Stage for DuhemStage {
         let sign = change.signum();
         if change != 0.0 && self.approach > 1e-9 {
             let forcing = (self.elastic_um - self.slope_um) * sign / self.approach;
-            self.output = self.slope_um * x + forcing + (self.output - self.slope_um * self.last - forcing) * e;
+            self.output = self.slope_um * x
+                + forcing
+                + (self.output - self.slope_um * self.last - forcing) * e;
         } else {
             self.output += self.elastic_um * change;
         }
@@ -94,7 +97,12 @@ impl Physics for Duhem {
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DuhemStage::new(model, values)))
     }
 

@@ -32,7 +32,10 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
-use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
+use super::{
+    Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 use nalgebra::DMatrix;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
@@ -127,17 +130,35 @@ impl ExpressionEffect {
             .iter()
             .find(|(name, _)| *name == file.place)
             .map(|(_, place)| *place)
-            .ok_or_else(|| format!("place: \"{}\"; expected one of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
+            .ok_or_else(|| {
+                format!(
+                    "place: \"{}\"; expected one of {}",
+                    file.place,
+                    Place::NAMES.map(|(name, _)| name).join(", ")
+                )
+            })?;
         let mut characters = file.id.chars();
-        let begins = characters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
+        let begins = characters
+            .next()
+            .is_some_and(|c| c.is_alphabetic() || c == '_');
         if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
-            return Err(format!("id: \"{}\"; expected letters, digits and _, as in self_heating", file.id));
+            return Err(format!(
+                "id: \"{}\"; expected letters, digits and _, as in self_heating",
+                file.id
+            ));
         }
         if super::by_id(&file.id).is_some() {
-            return Err(format!("id: \"{}\" is a built-in effect; choose another name", file.id));
+            return Err(format!(
+                "id: \"{}\" is a built-in effect; choose another name",
+                file.id
+            ));
         }
         let mut names: Vec<String> = GIVEN.iter().map(ToString::to_string).collect();
-        let own = file.parameter.iter().map(|p| &p.name).chain(file.state.iter().map(|s| &s.name));
+        let own = file
+            .parameter
+            .iter()
+            .map(|p| &p.name)
+            .chain(file.state.iter().map(|s| &s.name));
         for name in file.auxiliary.iter().chain(own) {
             if names.contains(name) {
                 return Err(format!("name: \"{name}\" is defined twice"));
@@ -147,16 +168,38 @@ impl ExpressionEffect {
         let mut parameters = Vec::new();
         let mut starts = vec![Vec::new()];
         for entry in &file.parameter {
-            if entry.lower.partial_cmp(&entry.upper) != Some(std::cmp::Ordering::Less) || entry.starts.is_empty() {
-                return Err(format!("parameter {}: expected lower < upper and at least one start", entry.name));
+            if entry.lower.partial_cmp(&entry.upper) != Some(std::cmp::Ordering::Less)
+                || entry.starts.is_empty()
+            {
+                return Err(format!(
+                    "parameter {}: expected lower < upper and at least one start",
+                    entry.name
+                ));
             }
-            if let Some(start) = entry.starts.iter().find(|s| !(entry.lower..=entry.upper).contains(*s)) {
-                return Err(format!("parameter {}: start {start} is outside {}..{}", entry.name, entry.lower, entry.upper));
+            if let Some(start) = entry
+                .starts
+                .iter()
+                .find(|s| !(entry.lower..=entry.upper).contains(*s))
+            {
+                return Err(format!(
+                    "parameter {}: start {start} is outside {}..{}",
+                    entry.name, entry.lower, entry.upper
+                ));
             }
             let size = entry.starts.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
-            let step = 0.02 * if size > 0.0 { size } else { entry.upper - entry.lower };
-            let parameter = Parameter::linear(&entry.name, &entry.unit, entry.lower, entry.upper, step);
-            parameters.push(if entry.fixed { parameter.fixed() } else { parameter });
+            let step = 0.02
+                * if size > 0.0 {
+                    size
+                } else {
+                    entry.upper - entry.lower
+                };
+            let parameter =
+                Parameter::linear(&entry.name, &entry.unit, entry.lower, entry.upper, step);
+            parameters.push(if entry.fixed {
+                parameter.fixed()
+            } else {
+                parameter
+            });
             if starts.len().saturating_mul(entry.starts.len()) > DIRECTIONS_MAX {
                 return Err(format!(
                     "parameter {}: the starts of all parameters make more than {DIRECTIONS_MAX} combinations; expected fewer starts",
@@ -165,13 +208,25 @@ impl ExpressionEffect {
             }
             starts = starts
                 .iter()
-                .flat_map(|head: &Vec<f64>| entry.starts.iter().map(move |s| head.iter().copied().chain([*s]).collect()))
+                .flat_map(|head: &Vec<f64>| {
+                    entry
+                        .starts
+                        .iter()
+                        .map(move |s| head.iter().copied().chain([*s]).collect())
+                })
                 .collect();
         }
-        let read = |text: &str, field: &str| Formula::read(text, &names).map_err(|message| format!("{field}: {message}"));
+        let read = |text: &str, field: &str| {
+            Formula::read(text, &names).map_err(|message| format!("{field}: {message}"))
+        };
         let output = read(&file.output, "output")?;
-        let derivative = |state: &StateEntry| read(&state.derivative, &format!("state {}", state.name));
-        let derivatives = file.state.iter().map(derivative).collect::<Result<Vec<_>, _>>()?;
+        let derivative =
+            |state: &StateEntry| read(&state.derivative, &format!("state {}", state.name));
+        let derivatives = file
+            .state
+            .iter()
+            .map(derivative)
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             text: text.to_string(),
             declaration: Declaration {
@@ -223,7 +278,11 @@ impl ExpressionStage<'_> {
         self.values[0] = x;
         self.values[2] = t_s;
         let (effect, values, room) = (&self.effect, &self.values, &mut self.room);
-        effect.derivatives.iter().map(|d| d.evaluate(values, room)).collect()
+        effect
+            .derivatives
+            .iter()
+            .map(|d| d.evaluate(values, room))
+            .collect()
     }
 
     /// One interval, in as many parts as the values ask for; in more where the signal makes a state faster
@@ -269,7 +328,11 @@ impl ExpressionStage<'_> {
                 for (size, (up, down)) in sizes.column_mut(j).iter_mut().zip(up.iter().zip(&down)) {
                     let slope = (up - down).abs() / (2.0 * step);
                     // What has no value there says nothing.
-                    *size = if slope.is_finite() { size.max(slope) } else { *size };
+                    *size = if slope.is_finite() {
+                        size.max(slope)
+                    } else {
+                        *size
+                    };
                 }
             }
         }
@@ -281,24 +344,42 @@ impl ExpressionStage<'_> {
 
     /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method
     /// show it (L. F. Shampine, *Math. Comp.* 31 (1977) 66).
-    fn runge_kutta(&mut self, k: usize, input: f64, parts: usize, part: usize, start: &[f64]) -> f64 {
+    fn runge_kutta(
+        &mut self,
+        k: usize,
+        input: f64,
+        parts: usize,
+        part: usize,
+        start: &[f64],
+    ) -> f64 {
         let h = self.setting.dt_s / parts as f64;
         let t_s = k as f64 * self.setting.dt_s + part as f64 * h;
-        let along = |share: f64| self.input + (input - self.input) * (part as f64 + share) / parts as f64;
+        let along =
+            |share: f64| self.input + (input - self.input) * (part as f64 + share) / parts as f64;
         let (first, middle, last) = (along(0.0), along(0.5), along(1.0));
-        let moved = |d: &[f64], f: f64| -> Vec<f64> { start.iter().zip(d).map(|(s, d)| s + f * h * d).collect() };
+        let moved = |d: &[f64], f: f64| -> Vec<f64> {
+            start.iter().zip(d).map(|(s, d)| s + f * h * d).collect()
+        };
         let k1 = self.derivatives(start, first, t_s);
         let k2 = self.derivatives(&moved(&k1, 0.5), middle, t_s + 0.5 * h);
         let k3 = self.derivatives(&moved(&k2, 0.5), middle, t_s + 0.5 * h);
         let k4 = self.derivatives(&moved(&k3, 1.0), last, t_s + h);
         for (i, s) in start.iter().enumerate() {
-            self.values[self.states.start + i] = s + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
+            self.values[self.states.start + i] =
+                s + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
         }
-        let largest = |each: &mut dyn Iterator<Item = f64>| each.zip(&self.units).fold(0.0_f64, |m, (v, unit)| m.max(v.abs() / unit));
+        let largest = |each: &mut dyn Iterator<Item = f64>| {
+            each.zip(&self.units)
+                .fold(0.0_f64, |m, (v, unit)| m.max(v.abs() / unit))
+        };
         let farthest = |a: &[f64], b: &[f64]| largest(&mut a.iter().zip(b).map(|(a, b)| a - b));
         let (apart, answers) = (0.5 * h * farthest(&k2, &k1), farthest(&k3, &k2));
         let size = largest(&mut start.iter().zip(&k1).map(|(s, d)| s.abs().max(h * d.abs())));
-        if apart > ROUNDING * size { answers / apart } else { 0.0 }
+        if apart > ROUNDING * size {
+            answers / apart
+        } else {
+            0.0
+        }
     }
 
     /// What was recorded, on this interval.
@@ -348,14 +429,27 @@ impl Physics for ExpressionEffect {
 
     fn follows_record(&self) -> bool {
         let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
-        !self.auxiliary.is_empty() || self.derivatives.iter().chain([&self.output]).any(|formula| formula.uses(drive))
+        !self.auxiliary.is_empty()
+            || self
+                .derivatives
+                .iter()
+                .chain([&self.output])
+                .any(|formula| formula.uses(drive))
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         let recorded = setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
         for (i, name) in self.auxiliary.iter().enumerate() {
-            let found = recorded.auxiliary.iter().find(|signal| signal.name == *name);
+            let found = recorded
+                .auxiliary
+                .iter()
+                .find(|signal| signal.name == *name);
             signals.push((GIVEN.len() + i, found.map_or(&[], |signal| &signal.values)));
         }
         let mut all = vec![0.0; GIVEN.len() + self.auxiliary.len()];
@@ -411,16 +505,26 @@ mod tests {
         .unwrap();
         // The third is sixty times as fast as the sampling.
         for (tau_s, dt_s) in [(1e-3, 1e-4), (1e-4, 1e-4), (1e-3, 0.06)] {
-            let mut stage = effect.stage(&Model::new(0.0, 1.0), &[tau_s], &setting(dt_s)).unwrap();
+            let mut stage = effect
+                .stage(&Model::new(0.0, 1.0), &[tau_s], &setting(dt_s))
+                .unwrap();
             for k in 0..50 {
                 let t = f64::from(k + 1) * dt_s;
                 let y = stage.step(k as usize, t);
                 let expected = t - tau_s * (1.0 - (-t / tau_s).exp());
-                assert!((y - expected).abs() < 1e-4 * expected, "{tau_s} s every {dt_s} s: {y} instead of {expected}");
+                assert!(
+                    (y - expected).abs() < 1e-4 * expected,
+                    "{tau_s} s every {dt_s} s: {y} instead of {expected}"
+                );
             }
         }
-        let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1)).unwrap();
-        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is abandoned, not followed wrongly");
+        let mut stage = effect
+            .stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1))
+            .unwrap();
+        assert!(
+            stage.step(0, 1.0).is_nan(),
+            "a state that cannot be followed is abandoned, not followed wrongly"
+        );
     }
 
     /// A mode of 1.2 kHz by its displacement and its velocity, the velocity in a unit of `1 / per` um/s.
@@ -437,31 +541,54 @@ mod tests {
         let (dt_s, zeta) = (5e-5, 0.02);
         let steps = |per: f64| -> Vec<f64> {
             let effect = written_mode(per);
-            let mut stage = effect.stage(&Model::new(0.0, 1.0), &[zeta], &setting(dt_s)).unwrap();
+            let mut stage = effect
+                .stage(&Model::new(0.0, 1.0), &[zeta], &setting(dt_s))
+                .unwrap();
             stage.settle(1.0);
             (0..400).map(|k| stage.step(k, 1.0)).collect()
         };
         // Of a step of 1 um; the first in physical units, um and um/s.
-        let (w, after) = (2.0 * std::f64::consts::PI * 1200.0, |k: usize| (k + 1) as f64 * dt_s);
+        let (w, after) = (2.0 * std::f64::consts::PI * 1200.0, |k: usize| {
+            (k + 1) as f64 * dt_s
+        });
         for per in [1.0, 1e6, 1e-6] {
             for (k, y) in steps(per).into_iter().enumerate() {
                 let (decay, wd) = ((-zeta * w * after(k)).exp(), w * (1.0 - zeta * zeta).sqrt());
                 let turned = (wd * after(k)).cos() + zeta * w / wd * (wd * after(k)).sin();
                 let expected = 1.0 - decay * turned;
-                assert!((y - expected).abs() < 5e-3, "1 / {per} um/s, sample {k}: {y} instead of {expected}");
+                assert!(
+                    (y - expected).abs() < 5e-3,
+                    "1 / {per} um/s, sample {k}: {y} instead of {expected}"
+                );
             }
         }
     }
 
     #[test]
     fn recorded_signals_are_known_by_name_on_every_sub_interval() {
-        let text =
-            "id = \"warm\"\nplace = \"drift\"\nauxiliary = [\"temperature_c\"]\noutput = \"x + temperature_c + 10 * u + 100 * force\"\n";
+        let text = "id = \"warm\"\nplace = \"drift\"\nauxiliary = [\"temperature_c\"]\noutput = \"x + temperature_c + 10 * u + 100 * force\"\n";
         let effect = ExpressionEffect::from_toml(text).unwrap();
         assert!(effect.follows_record() && effect.auxiliary() == ["temperature_c"]);
-        let auxiliary = [AuxiliarySignal { name: "temperature_c".into(), values: vec![1.0, 2.0] }];
-        let signals = Signals { drive_v: &[3.0, 4.0], force_n: Some(&[5.0, 6.0]), auxiliary: &auxiliary };
-        let mut stage = effect.stage(&Model::new(0.0, 1.0), &[], &Setting { substeps: 2, signals, ..setting(1e-3) }).unwrap();
+        let auxiliary = [AuxiliarySignal {
+            name: "temperature_c".into(),
+            values: vec![1.0, 2.0],
+        }];
+        let signals = Signals {
+            drive_v: &[3.0, 4.0],
+            force_n: Some(&[5.0, 6.0]),
+            auxiliary: &auxiliary,
+        };
+        let mut stage = effect
+            .stage(
+                &Model::new(0.0, 1.0),
+                &[],
+                &Setting {
+                    substeps: 2,
+                    signals,
+                    ..setting(1e-3)
+                },
+            )
+            .unwrap();
         let found: Vec<f64> = (0..4).map(|k| stage.step(k, 0.5)).collect();
         assert_eq!(found, [531.5, 531.5, 642.5, 642.5]);
     }
@@ -473,14 +600,25 @@ mod tests {
                 format!("[[parameter]]\nname = \"{name}\"\nlower = 0.0\nupper = 9.0\nstarts = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]\n")
             })
             .concat();
+        let message = ExpressionEffect::from_toml(&format!(
+            "id = \"m\"\nplace = \"drift\"\noutput = \"x + a * b * c\"\n{many}"
+        ))
+        .unwrap_err();
+        assert!(
+            message.contains("parameter c") && message.contains("256"),
+            "{message}"
+        );
         let message =
-            ExpressionEffect::from_toml(&format!("id = \"m\"\nplace = \"drift\"\noutput = \"x + a * b * c\"\n{many}")).unwrap_err();
-        assert!(message.contains("parameter c") && message.contains("256"), "{message}");
-        let message = ExpressionEffect::from_toml("id = \"my, effect\"\nplace = \"drift\"\noutput = \"x\"\n").unwrap_err();
+            ExpressionEffect::from_toml("id = \"my, effect\"\nplace = \"drift\"\noutput = \"x\"\n")
+                .unwrap_err();
         assert!(message.contains("letters"), "{message}");
-        let message = ExpressionEffect::from_toml("id = \"a\"\nplace = \"nowhere\"\noutput = \"x\"\n").unwrap_err();
+        let message =
+            ExpressionEffect::from_toml("id = \"a\"\nplace = \"nowhere\"\noutput = \"x\"\n")
+                .unwrap_err();
         assert!(message.contains("nowhere") && message.contains("vibration"));
-        let message = ExpressionEffect::from_toml("id = \"a\"\nplace = \"drift\"\noutput = \"x + q\"\n").unwrap_err();
+        let message =
+            ExpressionEffect::from_toml("id = \"a\"\nplace = \"drift\"\noutput = \"x + q\"\n")
+                .unwrap_err();
         assert!(message.contains("\"q\""));
     }
 }

@@ -34,7 +34,14 @@ pub trait RestoringForce: Send {
     /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is
     /// held.
     fn at_rest(&self, at_um: f64) -> (f64, f64) {
-        self.held(0.0, Travel { from_um: 0.0, to_um: at_um, speed_um: 0.0 })
+        self.held(
+            0.0,
+            Travel {
+                from_um: 0.0,
+                to_um: at_um,
+                speed_um: 0.0,
+            },
+        )
     }
 
     /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so
@@ -45,8 +52,11 @@ pub trait RestoringForce: Send {
 /// The forces of a model, in the order of its effects, and the friction of its guide among them; empty where
 /// friction is the only force.
 pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn RestoringForce>> {
-    let mut forces: Vec<Box<dyn RestoringForce>> =
-        model.effects.iter().filter_map(|e| e.effect.restoring_force(model, &e.values(), setting)).collect();
+    let mut forces: Vec<Box<dyn RestoringForce>> = model
+        .effects
+        .iter()
+        .filter_map(|e| e.effect.restoring_force(model, &e.values(), setting))
+        .collect();
     if let (false, Some(bristle)) = (forces.is_empty(), super::friction::Bristle::of(model)) {
         forces.push(Box::new(bristle));
     }
@@ -74,25 +84,40 @@ struct Balance {
 impl Balance {
     fn new(forces: Vec<Box<dyn RestoringForce>>, speed_factor: f64) -> Self {
         let memories = vec![0.0; forces.len()];
-        Self { midway: memories.clone(), memories, forces, speed_factor }
+        Self {
+            midway: memories.clone(),
+            memories,
+            forces,
+            speed_factor,
+        }
     }
 
     fn way(&self, from_um: f64, [to_um, velocity]: [f64; 2]) -> Travel {
-        Travel { from_um, to_um, speed_um: velocity * self.speed_factor }
+        Travel {
+            from_um,
+            to_um,
+            speed_um: velocity * self.speed_factor,
+        }
     }
 
     /// The sum of the forces on trial, from where the memories are.
     #[inline]
     fn tried(&self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
-        self.forces.iter().zip(&self.memories).map(|(force, memory)| force.held(*memory, way).0).sum()
+        self.forces
+            .iter()
+            .zip(&self.memories)
+            .map(|(force, memory)| force.held(*memory, way).0)
+            .sum()
     }
 
     /// The same, half way: what is remembered there is kept.
     fn tried_midway(&mut self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
         let mut sum = 0.0;
-        for ((force, memory), midway) in self.forces.iter().zip(&self.memories).zip(&mut self.midway) {
+        for ((force, memory), midway) in
+            self.forces.iter().zip(&self.memories).zip(&mut self.midway)
+        {
             let (held, remembered) = force.held(*memory, way);
             sum += held;
             *midway = remembered;
@@ -103,14 +128,20 @@ impl Balance {
     /// The sum of the forces from half way on.
     fn tried_from_midway(&self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
-        self.forces.iter().zip(&self.midway).map(|(force, memory)| force.held(*memory, way).0).sum()
+        self.forces
+            .iter()
+            .zip(&self.midway)
+            .map(|(force, memory)| force.held(*memory, way).0)
+            .sum()
     }
 
     /// The way from half way on is gone.
     fn go_from_midway(&mut self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
         let mut sum = 0.0;
-        for ((force, memory), midway) in self.forces.iter().zip(&mut self.memories).zip(&self.midway) {
+        for ((force, memory), midway) in
+            self.forces.iter().zip(&mut self.memories).zip(&self.midway)
+        {
             let (held, remembered) = force.held(*midway, way);
             sum += held;
             *memory = remembered;
@@ -119,7 +150,11 @@ impl Balance {
     }
 
     fn stiffening(&self, swing_um: f64) -> f64 {
-        self.forces.iter().zip(&self.memories).map(|(force, memory)| force.stiffening(*memory, swing_um)).sum()
+        self.forces
+            .iter()
+            .zip(&self.memories)
+            .map(|(force, memory)| force.stiffening(*memory, swing_um))
+            .sum()
     }
 
     /// The place where a constant force and all others balance, from where the memories are, which then are
@@ -134,7 +169,9 @@ impl Balance {
     /// The place where a constant force and all others balance where nobody knows from where the mass came.
     fn settle(&mut self, force_um: f64) -> f64 {
         let forces = &self.forces;
-        let place_um = balanced(force_um, |at_um| forces.iter().map(|force| force.at_rest(at_um).0).sum());
+        let place_um = balanced(force_um, |at_um| {
+            forces.iter().map(|force| force.at_rest(at_um).0).sum()
+        });
         for (force, memory) in forces.iter().zip(&mut self.memories) {
             *memory = force.at_rest(place_um).1;
         }
@@ -161,19 +198,34 @@ fn balanced(force_um: f64, held: impl Fn(f64) -> f64) -> f64 {
     let (mut below, mut above) = (excess(low), excess(high));
     let (mut at_um, mut stayed) = (force_um, None);
     for _ in 0..RESTING_STEPS {
-        let share = if above > below { (-below / (above - below)).clamp(0.0, 1.0) } else { 0.5 };
+        let share = if above > below {
+            (-below / (above - below)).clamp(0.0, 1.0)
+        } else {
+            0.5
+        };
         at_um = low + share * (high - low);
         let left = excess(at_um);
-        if left == 0.0 || high - low <= f64::EPSILON * at_um.abs() || left.abs() <= f64::EPSILON * force_um.abs() {
+        if left == 0.0
+            || high - low <= f64::EPSILON * at_um.abs()
+            || left.abs() <= f64::EPSILON * force_um.abs()
+        {
             break;
         }
         if left < 0.0 {
             (low, below) = (at_um, left);
-            above = if stayed == Some(End::High) { 0.5 * above } else { above };
+            above = if stayed == Some(End::High) {
+                0.5 * above
+            } else {
+                above
+            };
             stayed = Some(End::High);
         } else {
             (high, above) = (at_um, left);
-            below = if stayed == Some(End::Low) { 0.5 * below } else { below };
+            below = if stayed == Some(End::Low) {
+                0.5 * below
+            } else {
+                below
+            };
             stayed = Some(End::Low);
         }
     }
@@ -263,11 +315,24 @@ struct Balanced<const N: usize> {
 }
 
 impl<const N: usize> Balanced<N> {
-    fn new(law: &ModeLaw, (system, read): (ContinuousSystem, usize), dt_s: f64, arrival: Arrival, balance: Balance) -> Self {
-        let segment = |length_s: f64, arrival: Arrival| Segment { length_s, arrival, levels: (0..=HALVINGS_MAX).map(|_| None).collect() };
+    fn new(
+        law: &ModeLaw,
+        (system, read): (ContinuousSystem, usize),
+        dt_s: f64,
+        arrival: Arrival,
+        balance: Balance,
+    ) -> Self {
+        let segment = |length_s: f64, arrival: Arrival| Segment {
+            length_s,
+            arrival,
+            levels: (0..=HALVINGS_MAX).map(|_| None).collect(),
+        };
         let segments = match arrival {
             Arrival::Late(share) if share > 0.0 => {
-                vec![segment(share * dt_s, Arrival::Late(0.0)), segment((1.0 - share) * dt_s, Arrival::Late(0.0))]
+                vec![
+                    segment(share * dt_s, Arrival::Late(0.0)),
+                    segment((1.0 - share) * dt_s, Arrival::Late(0.0)),
+                ]
             }
             other => vec![segment(dt_s, other)],
         };
@@ -314,16 +379,36 @@ impl<const N: usize> Balanced<N> {
 
     /// Carries the mode over a segment.
     fn walk(&mut self, at: usize, stiffened: f64, from: f64, to: f64) {
-        let Self { system, natural_frequency_rad_s, segments, balance, state, held, dt_s, arrival, .. } = self;
+        let Self {
+            system,
+            natural_frequency_rad_s,
+            segments,
+            balance,
+            state,
+            held,
+            dt_s,
+            arrival,
+            ..
+        } = self;
         let segment = &mut segments[at];
         let angle = *natural_frequency_rad_s * segment.length_s;
         let fewest = (angle / PIECE_RAD).ceil().max(1.0);
-        let halvings = ((stiffened * angle / PIECE_RAD / fewest).log2().ceil().max(0.0) as usize).min(HALVINGS_MAX);
+        let halvings = ((stiffened * angle / PIECE_RAD / fewest)
+            .log2()
+            .ceil()
+            .max(0.0) as usize)
+            .min(HALVINGS_MAX);
         let (count, piece) = &*segment.levels[halvings].get_or_insert_with(|| {
             let count = fewest * f64::from(1_u32 << halvings);
             let piece_s = segment.length_s / count;
             let over = |dt_s: f64| Transition::of(system, dt_s, segment.arrival);
-            (count as usize, Box::new(Piece { half: over(0.5 * piece_s), whole: over(piece_s) }))
+            (
+                count as usize,
+                Box::new(Piece {
+                    half: over(0.5 * piece_s),
+                    whole: over(piece_s),
+                }),
+            )
         });
         // Where a glide would come to; a straight way goes on by steps.
         let left = arrival.left_after(*dt_s);
@@ -343,11 +428,19 @@ impl<const N: usize> Balanced<N> {
             let driven_half = piece.half.driven(state, here, midway);
             let driven = piece.whole.driven(state, here, ahead);
             let first = balance.tried(x, piece.half.held_back(&driven_half, [*held, 0.0, 0.0]));
-            let at_half = piece.half.held_back(&driven_half, [*held, first - *held, 0.0]);
+            let at_half = piece
+                .half
+                .held_back(&driven_half, [*held, first - *held, 0.0]);
             let in_the_middle = balance.tried_midway(x, at_half);
-            let onward = piece.whole.held_back(&driven, [*held, 2.0 * (in_the_middle - *held), 0.0]);
+            let onward = piece
+                .whole
+                .held_back(&driven, [*held, 2.0 * (in_the_middle - *held), 0.0]);
             let last = balance.tried_from_midway(at_half[0], onward);
-            let parabola = [*held, 4.0 * in_the_middle - 3.0 * *held - last, 2.0 * (*held - 2.0 * in_the_middle + last)];
+            let parabola = [
+                *held,
+                4.0 * in_the_middle - 3.0 * *held - last,
+                2.0 * (*held - 2.0 * in_the_middle + last),
+            ];
             *state = std::array::from_fn(|i| driven[i] - piece.whole.by(i, parabola));
             *held = balance.go_from_midway(at_half[0], [state[0], state[1]]);
             here = ahead;
@@ -389,9 +482,27 @@ impl BalancedMass {
         let balance = Balance::new(forces, speed_factor);
         let (system, read) = law.read_system();
         let mut stage: Box<dyn Stage> = match system.a.nrows() {
-            2 => Box::new(Balanced::<2>::new(law, (system, read), dt_s, arrival, balance)),
-            3 => Box::new(Balanced::<3>::new(law, (system, read), dt_s, arrival, balance)),
-            _ => Box::new(Balanced::<5>::new(law, (system, read), dt_s, arrival, balance)),
+            2 => Box::new(Balanced::<2>::new(
+                law,
+                (system, read),
+                dt_s,
+                arrival,
+                balance,
+            )),
+            3 => Box::new(Balanced::<3>::new(
+                law,
+                (system, read),
+                dt_s,
+                arrival,
+                balance,
+            )),
+            _ => Box::new(Balanced::<5>::new(
+                law,
+                (system, read),
+                dt_s,
+                arrival,
+                balance,
+            )),
         };
         stage.settle(at_rest);
         Self(stage)
@@ -421,9 +532,18 @@ pub(super) struct RestingPlace {
 
 impl RestingPlace {
     /// The stage of one force alone; none in a model with inertia, where the force holds the moving mass.
-    pub(super) fn without_inertia<'a>(model: &Model, force: impl FnOnce() -> Box<dyn RestoringForce>) -> Option<Box<dyn Stage + 'a>> {
-        let alone = || Self { balance: Balance::new(vec![force()], 1.0), displacement_um: 0.0 };
-        model.effect(super::vibration::ID).is_none().then(|| Box::new(alone()) as Box<dyn Stage>)
+    pub(super) fn without_inertia<'a>(
+        model: &Model,
+        force: impl FnOnce() -> Box<dyn RestoringForce>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        let alone = || Self {
+            balance: Balance::new(vec![force()], 1.0),
+            displacement_um: 0.0,
+        };
+        model
+            .effect(super::vibration::ID)
+            .is_none()
+            .then(|| Box::new(alone()) as Box<dyn Stage>)
     }
 }
 
@@ -449,7 +569,10 @@ mod tests {
 
     /// A stage of 10 um and 1 um/V around 5 V with these effects.
     fn model(effects: &[(&str, &[f64])]) -> Model {
-        let overview = Overview { range_um: 10.0, ..Overview::without_data(-5.0, 5.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            ..Overview::without_data(-5.0, 5.0)
+        };
         let mut model = Model::new(-5.0, 5.0);
         for (id, values) in [("gain", &[1.0][..])].iter().chain(effects) {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
@@ -461,7 +584,13 @@ mod tests {
         (0..samples)
             .map(|k| {
                 let t_s = k as f64 * DT_S;
-                2.0 * (TAU * 31.0 * t_s).sin() + 1.5 * (TAU * 77.0 * t_s).sin() + if (t_s / 0.05).fract() < 0.5 { 1.0 } else { -0.5 }
+                2.0 * (TAU * 31.0 * t_s).sin()
+                    + 1.5 * (TAU * 77.0 * t_s).sin()
+                    + if (t_s / 0.05).fract() < 0.5 {
+                        1.0
+                    } else {
+                        -0.5
+                    }
             })
             .collect()
     }
@@ -473,29 +602,45 @@ mod tests {
 
     /// The same equations by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
     /// sampling.
-    fn integrated(drive_v: &[f64], intersample: Intersample, [spring, damper, bouc_wen]: [bool; 3]) -> Vec<f64> {
+    fn integrated(
+        drive_v: &[f64],
+        intersample: Intersample,
+        [spring, damper, bouc_wen]: [bool; 3],
+    ) -> Vec<f64> {
         let on = |is: bool, value: f64| if is { value } else { 0.0 };
         let [w, xi] = MODE;
         let steps = 200;
         let h = DT_S / f64::from(steps);
         let rate = |[x, v, z]: [f64; 3], f: f64| {
             let from_neutral = x - 5.0;
-            let of_spring = on(spring, SPRING[0] * from_neutral.powi(2) + SPRING[1] * from_neutral.powi(3));
+            let of_spring = on(
+                spring,
+                SPRING[0] * from_neutral.powi(2) + SPRING[1] * from_neutral.powi(3),
+            );
             let of_damper = on(damper, DAMPER[0] * (v / DAMPER[2]).abs() * (v / DAMPER[2]));
             let of_bouc_wen = on(bouc_wen, BOUC_WEN[0] * (z - from_neutral));
             let z_rate = w * (v - BOUC_WEN[1] * v.abs() * z - BOUC_WEN[2] * v * z.abs());
-            [w * v, w * (f - x - of_spring - of_damper - of_bouc_wen) - 2.0 * xi * w * v, z_rate]
+            [
+                w * v,
+                w * (f - x - of_spring - of_damper - of_bouc_wen) - 2.0 * xi * w * v,
+                z_rate,
+            ]
         };
         let mut state = [0.0; 3];
         let mut before = drive_v[0] + 5.0;
         // At rest under the first value, by letting it die out; what is remembered follows from one way
         // there.
-        let settled = model(&effects([spring, damper, bouc_wen])).simulate(&Drive::held(&drive_v[..1], DT_S, InitialState::Settled))[0];
+        let settled = model(&effects([spring, damper, bouc_wen])).simulate(&Drive::held(
+            &drive_v[..1],
+            DT_S,
+            InitialState::Settled,
+        ))[0];
         state[0] = settled;
         let ways = 100_000;
         for _ in 0..ways {
             let way = (settled - 5.0) / f64::from(ways);
-            state[2] += way - (BOUC_WEN[1] * way.abs() * state[2] + BOUC_WEN[2] * way * state[2].abs());
+            state[2] +=
+                way - (BOUC_WEN[1] * way.abs() * state[2] + BOUC_WEN[2] * way * state[2].abs());
         }
         let mut out = vec![settled];
         for k in 0..drive_v.len() - 1 {
@@ -505,12 +650,15 @@ mod tests {
                     Intersample::Hold => before,
                     _ => before + (next - before) * (f64::from(step) + t) / f64::from(steps),
                 };
-                let along = |s: [f64; 3], d: [f64; 3], t: f64| std::array::from_fn(|i| s[i] + t * d[i]);
+                let along =
+                    |s: [f64; 3], d: [f64; 3], t: f64| std::array::from_fn(|i| s[i] + t * d[i]);
                 let a = rate(state, force(0.0));
                 let b = rate(along(state, a, 0.5 * h), force(0.5));
                 let c = rate(along(state, b, 0.5 * h), force(0.5));
                 let d = rate(along(state, c, h), force(1.0));
-                state = std::array::from_fn(|i| state[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+                state = std::array::from_fn(|i| {
+                    state[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i])
+                });
             }
             before = next;
             out.push(state[0]);
@@ -524,8 +672,13 @@ mod tests {
             (damper, "nonlinear_damping", &DAMPER),
             (bouc_wen, "hysteretic_stiffness", &BOUC_WEN),
         ];
-        let of_balance = all.into_iter().filter(|(is, ..)| *is).map(|(_, id, values)| (id, values));
-        std::iter::once(("vibration", &MODE[..])).chain(of_balance).collect()
+        let of_balance = all
+            .into_iter()
+            .filter(|(is, ..)| *is)
+            .map(|(_, id, values)| (id, values));
+        std::iter::once(("vibration", &MODE[..]))
+            .chain(of_balance)
+            .collect()
     }
 
     fn rms(a: &[f64], b: &[f64]) -> f64 {
@@ -537,9 +690,17 @@ mod tests {
     #[test]
     fn follows_a_finer_integration_of_the_same_equations() {
         let drive_v = drive(800);
-        for which in [[true, false, false], [false, true, false], [false, false, true], [true, true, true]] {
+        for which in [
+            [true, false, false],
+            [false, true, false],
+            [false, false, true],
+            [true, true, true],
+        ] {
             for intersample in [Intersample::Hold, Intersample::Linear] {
-                let found = model(&effects(which)).simulate(&Drive { intersample, ..Drive::held(&drive_v, DT_S, InitialState::Settled) });
+                let found = model(&effects(which)).simulate(&Drive {
+                    intersample,
+                    ..Drive::held(&drive_v, DT_S, InitialState::Settled)
+                });
                 let error_um = rms(&found, &integrated(&drive_v, intersample, which));
                 let most_um = if which[2] { 4e-3 } else { 1e-3 };
                 println!("{which:?} {intersample:?}: {error_um:.2e} um");
@@ -556,14 +717,33 @@ mod tests {
             &[],
             &[("sensor_bandwidth", &[300.0])],
             &[("sensor_filter", &[200.0, 0.7]), ("delay", &[0.4e-3])],
-            &[("amplifier_bandwidth", &[150.0]), ("sensor_bandwidth", &[300.0])],
+            &[
+                ("amplifier_bandwidth", &[150.0]),
+                ("sensor_bandwidth", &[300.0]),
+            ],
         ];
         for others in behind {
-            for intersample in [Intersample::Hold, Intersample::Linear, Intersample::BandLimited] {
-                let drive = Drive { intersample, ..Drive::held(&drive_v, DT_S, InitialState::Settled) };
-                let read = |effects: &[(&str, &[f64])]| model(&[&[("vibration", &MODE[..])], others, effects].concat()).simulate(&drive);
-                let (free, balanced) = (read(&[]), read(&[("nonlinear_stiffness", &[0.0, 0.0, 0.0])]));
-                assert!(rms(&free, &balanced) < 1e-9, "{others:?} {intersample:?}: {}", rms(&free, &balanced));
+            for intersample in [
+                Intersample::Hold,
+                Intersample::Linear,
+                Intersample::BandLimited,
+            ] {
+                let drive = Drive {
+                    intersample,
+                    ..Drive::held(&drive_v, DT_S, InitialState::Settled)
+                };
+                let read = |effects: &[(&str, &[f64])]| {
+                    model(&[&[("vibration", &MODE[..])], others, effects].concat()).simulate(&drive)
+                };
+                let (free, balanced) = (
+                    read(&[]),
+                    read(&[("nonlinear_stiffness", &[0.0, 0.0, 0.0])]),
+                );
+                assert!(
+                    rms(&free, &balanced) < 1e-9,
+                    "{others:?} {intersample:?}: {}",
+                    rms(&free, &balanced)
+                );
             }
         }
     }
@@ -573,8 +753,13 @@ mod tests {
     fn friction_beside_other_forces_is_friction() {
         let drive_v = drive(500);
         let read = |effects: &[(&str, &[f64])]| {
-            let friction: [(&str, &[f64]); 2] = [("vibration", &MODE), ("friction", &[0.3, 2.0, 0.0])];
-            model(&[&friction[..], effects].concat()).simulate(&Drive::held(&drive_v, DT_S, InitialState::Settled))
+            let friction: [(&str, &[f64]); 2] =
+                [("vibration", &MODE), ("friction", &[0.3, 2.0, 0.0])];
+            model(&[&friction[..], effects].concat()).simulate(&Drive::held(
+                &drive_v,
+                DT_S,
+                InitialState::Settled,
+            ))
         };
         let (alone, beside) = (read(&[]), read(&[("nonlinear_damping", &[0.0, 2.0, 5.0])]));
         // Both follow a bristle that bends within a tenth of a piece of the way.
@@ -584,10 +769,20 @@ mod tests {
     /// What is too fast to be followed balances.
     #[test]
     fn a_fast_mode_in_a_slow_record_rests_where_its_forces_balance() {
-        let drive_v: Vec<f64> = (0..200).map(|k| 4.0 * (0.05 * f64::from(k)).sin()).collect();
-        let fast = model(&[("vibration", &[TAU * 40_000.0, 0.3]), ("nonlinear_stiffness", &SPRING)]);
+        let drive_v: Vec<f64> = (0..200)
+            .map(|k| 4.0 * (0.05 * f64::from(k)).sin())
+            .collect();
+        let fast = model(&[
+            ("vibration", &[TAU * 40_000.0, 0.3]),
+            ("nonlinear_stiffness", &SPRING),
+        ]);
         let none = model(&[("nonlinear_stiffness", &SPRING)]);
-        let read = |model: &Model| model.simulate(&Drive::held(&drive_v, DT_S, InitialState::Settled));
-        assert!(rms(&read(&fast), &read(&none)) < 1e-6, "{}", rms(&read(&fast), &read(&none)));
+        let read =
+            |model: &Model| model.simulate(&Drive::held(&drive_v, DT_S, InitialState::Settled));
+        assert!(
+            rms(&read(&fast), &read(&none)) < 1e-6,
+            "{}",
+            rms(&read(&fast), &read(&none))
+        );
     }
 }

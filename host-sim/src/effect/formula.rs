@@ -24,7 +24,12 @@ const DEEPEST: usize = 50;
 static OPERATORS: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
     let left = |rule: Rule| Op::infix(rule, Assoc::Left);
     PrattParser::new()
-        .op(left(Rule::at_most) | left(Rule::at_least) | left(Rule::less) | left(Rule::greater) | left(Rule::equal) | left(Rule::unequal))
+        .op(left(Rule::at_most)
+            | left(Rule::at_least)
+            | left(Rule::less)
+            | left(Rule::greater)
+            | left(Rule::equal)
+            | left(Rule::unequal))
         .op(left(Rule::plus) | left(Rule::less_sign))
         .op(left(Rule::times) | left(Rule::divided))
         .op(Op::prefix(Rule::minus))
@@ -73,18 +78,30 @@ const OF_TWO: [(&str, OfTwo, bool); 7] = [
     ("atan2", f64::atan2, false),
     ("hypot", f64::hypot, false),
     ("rem", f64::rem_euclid, false),
-    ("and", |a, b| f64::from(u8::from(a != 0.0 && b != 0.0)), true),
+    (
+        "and",
+        |a, b| f64::from(u8::from(a != 0.0 && b != 0.0)),
+        true,
+    ),
     ("or", |a, b| f64::from(u8::from(a != 0.0 || b != 0.0)), true),
 ];
 
 /// Numbers with a name, where a parameter has not taken it.
-const CONSTANTS: [(&str, f64); 4] =
-    [("pi", std::f64::consts::PI), ("PI", std::f64::consts::PI), ("π", std::f64::consts::PI), ("E", std::f64::consts::E)];
+const CONSTANTS: [(&str, f64); 4] = [
+    ("pi", std::f64::consts::PI),
+    ("PI", std::f64::consts::PI),
+    ("π", std::f64::consts::PI),
+    ("E", std::f64::consts::E),
+];
 
 /// coth(x) - 1 / x, the mean alignment of free dipoles (P. Langevin, *Ann. Chim. Phys.* 5 (1905) 70), without
 /// its loss of digits around 0.
 fn langevin(x: f64) -> f64 {
-    if x.abs() < 1e-2 { x / 3.0 - x.powi(3) / 45.0 + 2.0 * x.powi(5) / 945.0 } else { 1.0 / x.tanh() - 1.0 / x }
+    if x.abs() < 1e-2 {
+        x / 3.0 - x.powi(3) / 45.0 + 2.0 * x.powi(5) / 945.0
+    } else {
+        1.0 / x.tanh() - 1.0 / x
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -115,7 +132,11 @@ impl Formula {
         }
         let mut depth = 0_usize;
         for (at, c) in text.char_indices() {
-            depth = if c == '(' { depth + 1 } else { depth.saturating_sub(usize::from(c == ')')) };
+            depth = if c == '(' {
+                depth + 1
+            } else {
+                depth.saturating_sub(usize::from(c == ')'))
+            };
             if depth > DEEPEST {
                 return Err(pointing(text, at, "brackets nested too deeply"));
             }
@@ -124,14 +145,18 @@ impl Formula {
             let (InputLocation::Pos(at) | InputLocation::Span((at, _))) = error.location;
             pointing(text, at, &expected(&error.variant, text, at))
         })?;
-        let whole = read.into_iter().find(|pair| pair.as_rule() == Rule::sum_of_terms);
+        let whole = read
+            .into_iter()
+            .find(|pair| pair.as_rule() == Rule::sum_of_terms);
         let steps = whole.map_or(Ok(Vec::new()), |pair| steps_of(pair, text, names))?;
         Ok(Self { steps })
     }
 
     /// Whether the value at this place takes part.
     pub(super) fn uses(&self, place: usize) -> bool {
-        self.steps.iter().any(|step| matches!(step, Step::Value(at) if *at == place))
+        self.steps
+            .iter()
+            .any(|step| matches!(step, Step::Value(at) if *at == place))
     }
 
     /// The value for a list of values; `stack` is room to work in. Not a number where a function has no
@@ -150,7 +175,11 @@ impl Formula {
                 Step::Select => {
                     let otherwise = stack.pop().unwrap_or(f64::NAN);
                     let then = stack.pop().unwrap_or(f64::NAN);
-                    if stack.pop().unwrap_or(f64::NAN) == 0.0 { otherwise } else { then }
+                    if stack.pop().unwrap_or(f64::NAN) == 0.0 {
+                        otherwise
+                    } else {
+                        then
+                    }
                 }
             };
             stack.push(result);
@@ -160,20 +189,33 @@ impl Formula {
 }
 
 /// The steps of terms with operators between them.
-fn steps_of_terms(pairs: Pairs<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>, String> {
+fn steps_of_terms(
+    pairs: Pairs<'_, Rule>,
+    text: &str,
+    names: &[String],
+) -> Result<Vec<Step>, String> {
     // A comparison says of itself that it is one: `1 < x < 3` would compare a truth with 3.
     let (steps, _) = OPERATORS
         .map_primary(|pair| Ok((steps_of(pair, text, names)?, false)))
-        .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false)))
+        .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| {
+            of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false))
+        })
         .map_infix(|left, operator, right| {
             let ((mut steps, of_truth), (more, _)) = (left?, right?);
             let compares = is_comparison(operator.as_rule());
             if of_truth && compares {
                 let at = operator.as_span().start();
-                return Err(pointing(text, at, "comparisons do not follow each other; expected and(1 < x, x < 3)"));
+                return Err(pointing(
+                    text,
+                    at,
+                    "comparisons do not follow each other; expected and(1 < x, x < 3)",
+                ));
             }
             steps.extend(more);
-            Ok((with(steps, Step::OfTwo(function_of(operator.as_rule()))), compares))
+            Ok((
+                with(steps, Step::OfTwo(function_of(operator.as_rule()))),
+                compares,
+            ))
         })
         .parse(pairs)?;
     Ok(steps)
@@ -185,7 +227,10 @@ fn with(mut steps: Vec<Step>, last: Step) -> Vec<Step> {
 }
 
 fn is_comparison(operator: Rule) -> bool {
-    matches!(operator, Rule::less | Rule::at_most | Rule::greater | Rule::at_least | Rule::equal | Rule::unequal)
+    matches!(
+        operator,
+        Rule::less | Rule::at_most | Rule::greater | Rule::at_least | Rule::equal | Rule::unequal
+    )
 }
 
 fn function_of(operator: Rule) -> OfTwo {
@@ -206,7 +251,11 @@ fn function_of(operator: Rule) -> OfTwo {
 
 /// Small whole powers by products, which are as exact and much faster.
 fn power(base: f64, exponent: f64) -> f64 {
-    if exponent == 2.0 { base * base } else { base.powf(exponent) }
+    if exponent == 2.0 {
+        base * base
+    } else {
+        base.powf(exponent)
+    }
 }
 
 /// The steps of a number, a name, a function, or of what stands in brackets.
@@ -214,16 +263,42 @@ fn steps_of(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<St
     let at = pair.as_span().start();
     match pair.as_rule() {
         Rule::number => {
-            let number: f64 = pair.as_str().parse().map_err(|e| pointing(text, at, &format!("no number: {e}")))?;
-            if number.is_finite() { Ok(vec![Step::Number(number)]) } else { Err(pointing(text, at, "the number is too large")) }
+            let number: f64 = pair
+                .as_str()
+                .parse()
+                .map_err(|e| pointing(text, at, &format!("no number: {e}")))?;
+            if number.is_finite() {
+                Ok(vec![Step::Number(number)])
+            } else {
+                Err(pointing(text, at, "the number is too large"))
+            }
         }
         Rule::name => {
             let name = pair.as_str();
-            let value = names.iter().position(|known| known == name).map(Step::Value);
-            let constant = || CONSTANTS.iter().find(|(known, _)| *known == name).map(|(_, value)| Step::Number(*value));
+            let value = names
+                .iter()
+                .position(|known| known == name)
+                .map(Step::Value);
+            let constant = || {
+                CONSTANTS
+                    .iter()
+                    .find(|(known, _)| *known == name)
+                    .map(|(_, value)| Step::Number(*value))
+            };
             let step = value.or_else(constant).ok_or_else(|| {
-                let hint = if is_function(name) { format!(": {name} is a function and needs brackets") } else { String::new() };
-                pointing(text, at, &format!("unknown name \"{name}\"{hint}; known are {}, pi, E", names.join(", ")))
+                let hint = if is_function(name) {
+                    format!(": {name} is a function and needs brackets")
+                } else {
+                    String::new()
+                };
+                pointing(
+                    text,
+                    at,
+                    &format!(
+                        "unknown name \"{name}\"{hint}; known are {}, pi, E",
+                        names.join(", ")
+                    ),
+                )
             })?;
             Ok(vec![step])
         }
@@ -233,21 +308,39 @@ fn steps_of(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<St
 }
 
 fn is_function(name: &str) -> bool {
-    name == "if" || OF_ONE.iter().any(|(known, _)| *known == name) || OF_TWO.iter().any(|(known, ..)| *known == name)
+    name == "if"
+        || OF_ONE.iter().any(|(known, _)| *known == name)
+        || OF_TWO.iter().any(|(known, ..)| *known == name)
 }
 
 fn call(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>, String> {
     let at = pair.as_span().start();
     let mut inner = pair.into_inner();
     let name = inner.next().map_or("", |name| name.as_str());
-    let arguments: Vec<Vec<Step>> = inner.map(|argument| steps_of(argument, text, names)).collect::<Result<_, _>>()?;
-    let takes = |expected: &str| Err(pointing(text, at, &format!("{name} takes {expected}, not {}", arguments.len())));
+    let arguments: Vec<Vec<Step>> = inner
+        .map(|argument| steps_of(argument, text, names))
+        .collect::<Result<_, _>>()?;
+    let takes = |expected: &str| {
+        Err(pointing(
+            text,
+            at,
+            &format!("{name} takes {expected}, not {}", arguments.len()),
+        ))
+    };
     if let Some((_, function)) = OF_ONE.iter().find(|(known, _)| *known == name) {
-        return if arguments.len() == 1 { Ok(with(arguments.concat(), Step::OfOne(*function))) } else { takes("one number") };
+        return if arguments.len() == 1 {
+            Ok(with(arguments.concat(), Step::OfOne(*function)))
+        } else {
+            takes("one number")
+        };
     }
     if let Some((_, function, more)) = OF_TWO.iter().find(|(known, ..)| *known == name) {
         if arguments.len() < 2 || (arguments.len() > 2 && !more) {
-            return takes(if *more { "two numbers or more" } else { "two numbers" });
+            return takes(if *more {
+                "two numbers or more"
+            } else {
+                "two numbers"
+            });
         }
         let mut steps = arguments[0].clone();
         for argument in &arguments[1..] {
@@ -263,25 +356,52 @@ fn call(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>,
             takes("three numbers (condition, then, else)")
         };
     }
-    let functions: Vec<&str> = OF_ONE.iter().map(|(name, _)| *name).chain(OF_TWO.iter().map(|(name, ..)| *name)).chain(["if"]).collect();
-    Err(pointing(text, at, &format!("unknown function \"{name}\"; known are {}", functions.join(", "))))
+    let functions: Vec<&str> = OF_ONE
+        .iter()
+        .map(|(name, _)| *name)
+        .chain(OF_TWO.iter().map(|(name, ..)| *name))
+        .chain(["if"])
+        .collect();
+    Err(pointing(
+        text,
+        at,
+        &format!(
+            "unknown function \"{name}\"; known are {}",
+            functions.join(", ")
+        ),
+    ))
 }
 
 /// What the grammar expected, in words.
 fn expected(variant: &ErrorVariant<Rule>, text: &str, at: usize) -> String {
-    let ErrorVariant::ParsingError { positives, .. } = variant else { return variant.message().into_owned() };
-    let wants_value = positives.iter().any(|rule| matches!(rule, Rule::number | Rule::name | Rule::call | Rule::sum_of_terms));
+    let ErrorVariant::ParsingError { positives, .. } = variant else {
+        return variant.message().into_owned();
+    };
+    let wants_value = positives.iter().any(|rule| {
+        matches!(
+            rule,
+            Rule::number | Rule::name | Rule::call | Rule::sum_of_terms
+        )
+    });
     let found = match text[at..].chars().next() {
         Some(c) => format!("found \"{c}\""),
         None => "the expression ends".to_owned(),
     };
-    let wanted = if wants_value { "a number, a name or a bracket" } else { "an operator, a closing bracket or the end" };
+    let wanted = if wants_value {
+        "a number, a name or a bracket"
+    } else {
+        "an operator, a closing bracket or the end"
+    };
     format!("{found}; expected {wanted}")
 }
 
 /// A message about one character of an expression.
 fn pointing(text: &str, at: usize, message: &str) -> String {
-    format!("character {} of \"{}\": {message}", text[..at].chars().count() + 1, text.replace(['\n', '\r', '\t'], " "))
+    format!(
+        "character {} of \"{}\": {message}",
+        text[..at].chars().count() + 1,
+        text.replace(['\n', '\r', '\t'], " ")
+    )
 }
 
 #[cfg(test)]
@@ -290,7 +410,9 @@ mod tests {
 
     fn value(text: &str) -> f64 {
         let names = ["x".to_owned(), "max_um".to_owned()];
-        Formula::read(text, &names).unwrap_or_else(|e| panic!("{text}: {e}")).evaluate(&[2.0, 7.0], &mut Vec::new())
+        Formula::read(text, &names)
+            .unwrap_or_else(|e| panic!("{text}: {e}"))
+            .evaluate(&[2.0, 7.0], &mut Vec::new())
     }
 
     #[test]
@@ -316,7 +438,11 @@ mod tests {
             ("(1 < x) == (x < 3)", 1.0),
             ("x\n + 1", 3.0),
         ] {
-            assert!((value(text) - expected).abs() < 1e-12, "{text}: {}", value(text));
+            assert!(
+                (value(text) - expected).abs() < 1e-12,
+                "{text}: {}",
+                value(text)
+            );
         }
         assert!((value("coth(x)") - 2.0_f64.cosh() / 2.0_f64.sinh()).abs() < 1e-15);
         assert!((value("langevin(0.009999)") - value("langevin(0.010001)")).abs() < 1e-6);
@@ -342,11 +468,18 @@ mod tests {
             ("\u{b5} + \u{3b1} ? x", 7, "found \"?\""),
         ] {
             let message = Formula::read(text, &names).unwrap_err();
-            assert!(message.contains(&format!("character {at} of")) && message.contains(said), "{text}: {message}");
+            assert!(
+                message.contains(&format!("character {at} of")) && message.contains(said),
+                "{text}: {message}"
+            );
         }
         let deep = "(".repeat(5000) + "x";
         assert!(Formula::read(&deep, &names).is_err());
-        assert!(Formula::read(&("(".repeat(60) + "x" + &")".repeat(60)), &names).unwrap_err().contains("deeply"));
+        assert!(
+            Formula::read(&("(".repeat(60) + "x" + &")".repeat(60)), &names)
+                .unwrap_err()
+                .contains("deeply")
+        );
     }
 
     proptest::proptest! {

@@ -10,8 +10,8 @@
 
 use super::force_balance::{RestoringForce, Travel};
 use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
+    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction, SLIDES_WITHIN};
@@ -53,8 +53,17 @@ impl Bristle {
 
     pub(super) fn with(contact: ElastoplasticFriction) -> Self {
         let sliding_bend = contact.sliding_bend_um();
-        let dahl = contact.breakaway_ratio.is_none().then(|| Dahl::of(sliding_bend));
-        Self { contact, dahl, sliding_bend, displacement: 0.0, bend: 0.0 }
+        let dahl = contact
+            .breakaway_ratio
+            .is_none()
+            .then(|| Dahl::of(sliding_bend));
+        Self {
+            contact,
+            dahl,
+            sliding_bend,
+            displacement: 0.0,
+            bend: 0.0,
+        }
     }
 
     /// Factor by which a stuck bristle raises the natural frequency.
@@ -102,7 +111,11 @@ impl Bristle {
 
     /// What makes it, for those who compare: stiffness, Coulomb force, elastic range.
     pub(super) fn values(&self) -> [f64; 3] {
-        [self.contact.stiffness_n_um, self.contact.coulomb_force_n, self.contact.breakaway_ratio.unwrap_or(0.0)]
+        [
+            self.contact.stiffness_n_um,
+            self.contact.coulomb_force_n,
+            self.contact.breakaway_ratio.unwrap_or(0.0),
+        ]
     }
 
     /// Rest position for a force, without any inertia.
@@ -128,11 +141,21 @@ impl Bristle {
         // no more than the Coulomb force: both solutions are short of the true one. Since the bristle only
         // stiffens less and less, Newton's steps from the longer one stay on its side.
         let slides = self.contact.coulomb_force_n > 0.0;
-        let elastic_share = |bend: f64| if slides { self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
+        let elastic_share = |bend: f64| {
+            if slides {
+                self.contact.elastic_share(bend, unbalanced).0
+            } else {
+                0.0
+            }
+        };
         let force = unbalanced + self.held_at(self.bend);
         let bending = unbalanced / (1.0 + stiffness * elastic_share(self.bend));
         let sliding = force - self.contact.coulomb_force_n.copysign(unbalanced);
-        let mut motion = if sliding * unbalanced > 0.0 && sliding.abs() > bending.abs() { sliding } else { bending };
+        let mut motion = if sliding * unbalanced > 0.0 && sliding.abs() > bending.abs() {
+            sliding
+        } else {
+            bending
+        };
         let mut bend = self.bend;
         for _ in 0..6 {
             bend = self.bend_after(self.bend, motion);
@@ -186,7 +209,9 @@ impl Stage for FrictionStage {
     fn run(&mut self, _from: usize, signal: &mut [f64]) {
         // A copy stays in registers.
         let mut bristle = self.bristle;
-        signal.iter_mut().for_each(|value| *value = bristle.balance(*value));
+        signal
+            .iter_mut()
+            .for_each(|value| *value = bristle.balance(*value));
         self.bristle = bristle;
     }
     fn settle(&mut self, input: f64) -> f64 {
@@ -214,13 +239,24 @@ impl Physics for Friction {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
-            Parameter::linear("break_away_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6)),
+            Parameter::linear(
+                "break_away_um",
+                "um",
+                0.0,
+                0.5 * overview.range_um,
+                1e-4 * overview.range_um.max(1e-6),
+            ),
             Parameter::logarithmic("bristle_stiffness", "1", 1e-2, 50.0),
             Parameter::linear("breakaway_ratio", "1", 0.0, 0.99, 0.01).fixed(),
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
         if model.effect(super::vibration::ID).is_some() {
             return None;
@@ -257,7 +293,10 @@ that is divided where the mass sticks and slides. No export does this."
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::TimeSinceTurn, caption: "Friction holds the motion back just after the drive turns, then lets go." }
+        Picture {
+            against: Against::TimeSinceTurn,
+            caption: "Friction holds the motion back just after the drive turns, then lets go.",
+        }
     }
 }
 
@@ -266,7 +305,12 @@ impl SyntheticCases for Friction {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.03 * strength, 1.0 * (0.8 + 0.4 * random())])
     }
 }
@@ -280,7 +324,12 @@ mod tests {
     #[test]
     fn the_bristle_is_the_contact_of_the_stick_slip_actuator() {
         for breakaway_ratio in [None, Some(0.6)] {
-            let contact = ElastoplasticFriction { stiffness_n_um: 2.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
+            let contact = ElastoplasticFriction {
+                stiffness_n_um: 2.0,
+                damping_n_s_um: 0.0,
+                coulomb_force_n: 0.1,
+                breakaway_ratio,
+            };
             let mut bristle = Bristle::with(contact);
             let (mut displacement, mut bend, step_um) = (0.0, 0.0, 1e-5);
             for (direction, travel_um) in [(1.0, 0.04), (-1.0, 0.11), (1.0, 0.3), (-1.0, 0.02)] {
@@ -288,9 +337,16 @@ mod tests {
                     displacement += direction * step_um;
                     bend += step_um * contact.bend_rate(bend, direction);
                 }
-                bristle.put(displacement, bristle.bend_after(bristle.bend, displacement - bristle.displacement));
+                bristle.put(
+                    displacement,
+                    bristle.bend_after(bristle.bend, displacement - bristle.displacement),
+                );
                 let held = bristle.held_at(bristle.bend);
-                assert!((held - 2.0 * bend).abs() < 1e-4, "{breakaway_ratio:?}: {held} {}", 2.0 * bend);
+                assert!(
+                    (held - 2.0 * bend).abs() < 1e-4,
+                    "{breakaway_ratio:?}: {held} {}",
+                    2.0 * bend
+                );
             }
         }
     }
@@ -298,12 +354,20 @@ mod tests {
     #[test]
     fn at_rest_the_force_is_shared_by_spring_and_bristle() {
         for breakaway_ratio in [None, Some(0.6)] {
-            let contact = ElastoplasticFriction { stiffness_n_um: 3.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
+            let contact = ElastoplasticFriction {
+                stiffness_n_um: 3.0,
+                damping_n_s_um: 0.0,
+                coulomb_force_n: 0.1,
+                breakaway_ratio,
+            };
             let mut bristle = Bristle::with(contact);
             for force in [0.02, 0.5, 1.4, 1.3, 1.1, 0.2, 0.25, 3.0] {
                 let displacement = bristle.balance(force);
                 let held = contact.force_n(bristle.bend, 0.0);
-                assert!((displacement + held - force).abs() < 1e-6, "{breakaway_ratio:?}, {force}: {displacement} + {held}");
+                assert!(
+                    (displacement + held - force).abs() < 1e-6,
+                    "{breakaway_ratio:?}, {force}: {displacement} + {held}"
+                );
                 assert!(held.abs() <= 0.1 + 1e-9);
             }
         }

@@ -1,7 +1,8 @@
 //! Proportional response: the least that a model can be.
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -23,7 +24,10 @@ impl Stage for GainStage {
         self.gain_um_v * (input - self.lower_limit_v)
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Proportional { gain: self.gain_um_v, offset: self.lower_limit_v }])
+        Some(vec![Block::Proportional {
+            gain: self.gain_um_v,
+            offset: self.lower_limit_v,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -51,15 +55,32 @@ impl Physics for Gain {
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::linear("gain_um_v", "um/V", -1e3, 1e3, 0.01 * overview.gain_um_v.abs().max(1e-6))]
+        vec![Parameter::linear(
+            "gain_um_v",
+            "um/V",
+            -1e3,
+            1e3,
+            0.01 * overview.gain_um_v.abs().max(1e-6),
+        )]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(GainStage {
+            gain_um_v: values[0],
+            lower_limit_v: model.drive_min_v,
+        }))
     }
 
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
+        Some(Box::new(GainStage {
+            gain_um_v: values[0],
+            lower_limit_v: model.drive_min_v,
+        }))
     }
 }
 

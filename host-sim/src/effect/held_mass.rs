@@ -92,15 +92,40 @@ struct Switch {
 impl HeldMass {
     /// A mode held by `bristle` over intervals of `dt_s`, in which its input arrives so; until then `at_rest`
     /// acts.
-    pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, arrival: Arrival, at_rest: f64) -> Self {
-        Self { motion: Motion::default(), bristle, law: *law, arrival, way: Way::of(&bristle, law, dt_s, arrival, at_rest) }
+    pub(super) fn new(
+        bristle: Bristle,
+        law: &ModeLaw,
+        dt_s: f64,
+        arrival: Arrival,
+        at_rest: f64,
+    ) -> Self {
+        Self {
+            motion: Motion::default(),
+            bristle,
+            law: *law,
+            arrival,
+            way: Way::of(&bristle, law, dt_s, arrival, at_rest),
+        }
     }
 
     /// What makes it, for those who compare.
     pub(super) fn values(&self) -> Vec<f64> {
-        let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz, .. } = self.law;
-        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0)];
-        of_mode.into_iter().chain(self.arrival.values()).chain(self.bristle.values()).collect()
+        let ModeLaw {
+            natural_frequency_rad_s,
+            damping_ratio,
+            sensor_bandwidth_hz,
+            ..
+        } = self.law;
+        let of_mode = [
+            natural_frequency_rad_s,
+            damping_ratio,
+            sensor_bandwidth_hz.unwrap_or(0.0),
+        ];
+        of_mode
+            .into_iter()
+            .chain(self.arrival.values())
+            .chain(self.bristle.values())
+            .collect()
     }
 
     /// One interval; what is read at its end.
@@ -125,12 +150,24 @@ impl HeldMass {
                 let at = (motion, self.bristle.bend());
                 let lags = self.law.sensor_bandwidth_hz.is_some();
                 let (end, bend) = match (&pieces.enters, lags) {
-                    (Enters::AtOnce, false) => pieces.walk_over::<false, false>(&self.bristle, at, signal),
-                    (Enters::AtOnce, true) => pieces.walk_over::<false, true>(&self.bristle, at, signal),
-                    (Enters::Late(_), false) => pieces.walk_over::<true, false>(&self.bristle, at, signal),
-                    (Enters::Late(_), true) => pieces.walk_over::<true, true>(&self.bristle, at, signal),
-                    (Enters::Gliding(_), false) => pieces.glide_over::<false>(&self.bristle, at, signal),
-                    (Enters::Gliding(_), true) => pieces.glide_over::<true>(&self.bristle, at, signal),
+                    (Enters::AtOnce, false) => {
+                        pieces.walk_over::<false, false>(&self.bristle, at, signal)
+                    }
+                    (Enters::AtOnce, true) => {
+                        pieces.walk_over::<false, true>(&self.bristle, at, signal)
+                    }
+                    (Enters::Late(_), false) => {
+                        pieces.walk_over::<true, false>(&self.bristle, at, signal)
+                    }
+                    (Enters::Late(_), true) => {
+                        pieces.walk_over::<true, true>(&self.bristle, at, signal)
+                    }
+                    (Enters::Gliding(_), false) => {
+                        pieces.glide_over::<false>(&self.bristle, at, signal)
+                    }
+                    (Enters::Gliding(_), true) => {
+                        pieces.glide_over::<true>(&self.bristle, at, signal)
+                    }
                 };
                 motion = end;
                 self.bristle.put(motion.displacement, bend);
@@ -167,23 +204,46 @@ impl Way {
         let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
         let (piece_s, stretch_s) = (dt_s / count, dt_s / stretches);
         let enters = match arrival {
-            Arrival::Late(share) if share > 0.0 => Enters::Late(Switch::of(law, piece_s, share * count, at_rest)),
+            Arrival::Late(share) if share > 0.0 => {
+                Enters::Late(Switch::of(law, piece_s, share * count, at_rest))
+            }
             Arrival::Late(_) => Enters::AtOnce,
             Arrival::Gliding(_) | Arrival::Straight => Enters::Gliding(Glide {
                 left: arrival.left_after(dt_s),
                 left_of_piece: arrival.left_after(piece_s),
                 left_of_stretch: arrival.left_after(stretch_s),
                 of_mean: law.share_in_mean(piece_s, arrival),
-                per_piece: if arrival == Arrival::Straight { 1.0 / count } else { 0.0 },
-                per_stretch: if arrival == Arrival::Straight { 1.0 / stretches } else { 0.0 },
+                per_piece: if arrival == Arrival::Straight {
+                    1.0 / count
+                } else {
+                    0.0
+                },
+                per_stretch: if arrival == Arrival::Straight {
+                    1.0 / stretches
+                } else {
+                    0.0
+                },
                 before: at_rest,
             }),
         };
         // A late input changes in one piece only, one that glides in all.
-        let in_each = if matches!(arrival, Arrival::Gliding(_) | Arrival::Straight) { arrival } else { Arrival::Late(0.0) };
-        let stretch = Stretch { pieces: in_one, propagator: law.over(stretch_s, in_each) };
+        let in_each = if matches!(arrival, Arrival::Gliding(_) | Arrival::Straight) {
+            arrival
+        } else {
+            Arrival::Late(0.0)
+        };
+        let stretch = Stretch {
+            pieces: in_one,
+            propagator: law.over(stretch_s, in_each),
+        };
         let (piece, within) = (law.over(piece_s, in_each), law.within(piece_s));
-        Self::Pieces(Box::new(Pieces { count: count as usize, piece, within, stretch, enters }))
+        Self::Pieces(Box::new(Pieces {
+            count: count as usize,
+            piece,
+            within,
+            stretch,
+            enters,
+        }))
     }
 }
 
@@ -225,7 +285,11 @@ impl Pieces {
         mut bend: f64,
         input: f64,
     ) -> (Motion, f64) {
-        let late = if let (Enters::Late(switch), true) = (&self.enters, LATE) { Some(switch) } else { None };
+        let late = if let (Enters::Late(switch), true) = (&self.enters, LATE) {
+            Some(switch)
+        } else {
+            None
+        };
         let (arrives_in, before) = late.map_or((0, input), |switch| (switch.piece, switch.before));
         let mut piece = 0;
         while piece < self.count {
@@ -238,8 +302,17 @@ impl Pieces {
             let ahead = self.piece.motion_ahead(motion);
             let held_before = bristle.held_at(bend);
             let stretch = &self.stretch;
-            if piece + stretch.pieces <= if nothing_to_come { self.count } else { arrives_in } && bristle.slides(bend, ahead) {
-                let onward = stretch.propagator.after_as::<false, LAGS>(motion, force - held_before);
+            if piece + stretch.pieces
+                <= if nothing_to_come {
+                    self.count
+                } else {
+                    arrives_in
+                }
+                && bristle.slides(bend, ahead)
+            {
+                let onward = stretch
+                    .propagator
+                    .after_as::<false, LAGS>(motion, force - held_before);
                 // It slides to the end where the motion has not turned.
                 if stretch.propagator.motion_ahead(onward) * ahead > 0.0 {
                     bend = bristle.bend_in_sliding(ahead);
@@ -251,14 +324,17 @@ impl Pieces {
             // The bristle where the mass is in the mean of the piece, and its rise over the piece.
             let mean = self.within.mean_displacement(motion, force - held_before);
             let held = bristle.held_at(bristle.bend_after(bend, mean - motion.displacement));
-            if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - motion.displacement).abs() < AT_REST_UM {
+            if nothing_to_come
+                && ahead.abs() < AT_REST_UM
+                && (force - held - motion.displacement).abs() < AT_REST_UM
+            {
                 motion = self.piece.after_rest(motion, self.count - piece);
                 break;
             }
             let onward = match late {
-                Some(switch) if piece == arrives_in => {
-                    switch.propagator.after_as::<true, LAGS>(motion.with_input_before(before - held), input - held)
-                }
+                Some(switch) if piece == arrives_in => switch
+                    .propagator
+                    .after_as::<true, LAGS>(motion.with_input_before(before - held), input - held),
                 _ => self.piece.after_as::<false, LAGS>(motion, force - held),
             };
             let onward = self.within.risen::<LAGS>(onward, held_before - held);
@@ -279,7 +355,9 @@ impl Pieces {
         (mut motion, mut bend): (Motion, f64),
         signal: &mut [f64],
     ) -> (Motion, f64) {
-        let Enters::Gliding(glide) = &self.enters else { return (motion, bend) };
+        let Enters::Gliding(glide) = &self.enters else {
+            return (motion, bend);
+        };
         let mut before = glide.before;
         for value in signal {
             (motion, bend) = self.glide::<LAGS>(glide, bristle, (motion, bend), before, *value);
@@ -306,7 +384,11 @@ impl Pieces {
         // Where it would come, or by how much it rises in all, and what it is at the beginning of the next
         // piece.
         let straight = glide.per_piece > 0.0;
-        let (aim, rise) = if straight { (0.0, input - before) } else { ((input - glide.left * before) / (1.0 - glide.left), 0.0) };
+        let (aim, rise) = if straight {
+            (0.0, input - before)
+        } else {
+            ((input - glide.left * before) / (1.0 - glide.left), 0.0)
+        };
         let mut force = before;
         let mut piece = 0;
         while piece < self.count {
@@ -314,13 +396,20 @@ impl Pieces {
             let held_before = bristle.held_at(bend);
             let stretch = &self.stretch;
             if piece + stretch.pieces <= self.count && bristle.slides(bend, ahead) {
-                let force_after = aim + glide.left_of_stretch * (force - aim) + glide.per_stretch * rise;
+                let force_after =
+                    aim + glide.left_of_stretch * (force - aim) + glide.per_stretch * rise;
                 let begun = motion.with_input_before(force - held_before);
-                let onward = stretch.propagator.after_as::<true, LAGS>(begun, force_after - held_before);
+                let onward = stretch
+                    .propagator
+                    .after_as::<true, LAGS>(begun, force_after - held_before);
                 // A force that comes may turn a motion back that had turned before, which then shows where
                 // the force had not come.
-                let uncome = stretch.propagator.after_as::<true, false>(begun, force - held_before);
-                let turned = [onward, uncome].into_iter().any(|end| stretch.propagator.motion_ahead(end) * ahead <= 0.0);
+                let uncome = stretch
+                    .propagator
+                    .after_as::<true, false>(begun, force - held_before);
+                let turned = [onward, uncome]
+                    .into_iter()
+                    .any(|end| stretch.propagator.motion_ahead(end) * ahead <= 0.0);
                 if !turned {
                     bend = bristle.bend_in_sliding(ahead);
                     (motion, force) = (onward, force_after);
@@ -330,14 +419,21 @@ impl Pieces {
             }
             let force_after = aim + glide.left_of_piece * (force - aim) + glide.per_piece * rise;
             let in_the_mean = force + glide.of_mean * (force_after - force);
-            let mean = self.within.mean_displacement(motion, in_the_mean - held_before);
+            let mean = self
+                .within
+                .mean_displacement(motion, in_the_mean - held_before);
             let held = bristle.held_at(bristle.bend_after(bend, mean - motion.displacement));
             let nothing_to_come = (input - force).abs() < AT_REST_UM;
-            if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - motion.displacement).abs() < AT_REST_UM {
+            if nothing_to_come
+                && ahead.abs() < AT_REST_UM
+                && (force - held - motion.displacement).abs() < AT_REST_UM
+            {
                 motion = self.piece.after_rest(motion, self.count - piece);
                 break;
             }
-            let onward = self.piece.after_as::<true, LAGS>(motion.with_input_before(force - held), force_after - held);
+            let onward = self
+                .piece
+                .after_as::<true, LAGS>(motion.with_input_before(force - held), force_after - held);
             let onward = self.within.risen::<LAGS>(onward, held_before - held);
             bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
             (motion, force) = (onward, force_after);
@@ -360,13 +456,23 @@ mod tests {
         match kind {
             0 => 17.0 * (1.0 - (TAU * 20.0 * t_s).cos()),
             1 => 68.0 * (0.5 - ((t_s * 50.0).fract() - 0.5).abs()),
-            _ => 5.0 * (TAU * 97.0 * t_s).sin() + 6.0 * (TAU * 31.0 * t_s).sin() + if (t_s / 0.03).fract() < 0.5 { 3.0 } else { 0.0 },
+            _ => {
+                5.0 * (TAU * 97.0 * t_s).sin()
+                    + 6.0 * (TAU * 31.0 * t_s).sin()
+                    + if (t_s / 0.03).fract() < 0.5 { 3.0 } else { 0.0 }
+            }
         }
     }
 
     /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx`
     /// at its mass; where the force follows the drive with a time constant, that as well.
-    fn integrated(law: &ModeLaw, contact: &ElastoplasticFriction, gliding_s: Option<f64>, kind: usize, samples: usize) -> Vec<f64> {
+    fn integrated(
+        law: &ModeLaw,
+        contact: &ElastoplasticFriction,
+        gliding_s: Option<f64>,
+        kind: usize,
+        samples: usize,
+    ) -> Vec<f64> {
         let (w, xi) = (law.natural_frequency_rad_s, law.damping_ratio);
         let (k, sliding_bend) = (contact.stiffness_n_um, contact.sliding_bend_um());
         let steps = (w * (1.0 + k).sqrt() * DT_S / 0.02).ceil() as usize;
@@ -379,13 +485,21 @@ mod tests {
                 state[3] = driven;
             }
             let rate = |[x, v, z, force]: [f64; 4]| {
-                let follows = gliding_s.map_or(0.0, |time_constant_s| (driven - force) / time_constant_s);
-                [v, w * w * (force - x - k * z) - 2.0 * xi * w * v, v - v.abs() * z / sliding_bend, follows]
+                let follows =
+                    gliding_s.map_or(0.0, |time_constant_s| (driven - force) / time_constant_s);
+                [
+                    v,
+                    w * w * (force - x - k * z) - 2.0 * xi * w * v,
+                    v - v.abs() * z / sliding_bend,
+                    follows,
+                ]
             };
             let along = |s: [f64; 4], d: [f64; 4], t: f64| std::array::from_fn(|i| s[i] + t * d[i]);
             for _ in 0..steps {
                 // A bristle that is short against the way of a step is simulated in shorter steps.
-                let parts = (state[1].abs() * h / (0.2 * sliding_bend)).ceil().clamp(1.0, 200.0);
+                let parts = (state[1].abs() * h / (0.2 * sliding_bend))
+                    .ceil()
+                    .clamp(1.0, 200.0);
                 let h = h / parts;
                 for _ in 0..parts as usize {
                     let a = rate(state);
@@ -405,24 +519,45 @@ mod tests {
     #[test]
     fn follows_a_finer_integration_of_the_same_equations() {
         let samples = 1000;
-        for (natural_frequency_hz, damping_ratio) in
-            [(735.0, 0.014), (735.0, 0.3), (2300.0, 0.1), (2300.0, 0.7), (4900.0, 0.02), (4900.0, 2.0)]
-        {
-            for (coulomb_force_n, stiffness_n_um) in [(0.05, 0.3), (0.2, 1.0), (0.1, 12.0), (0.4, 50.0), (0.02, 50.0)] {
+        for (natural_frequency_hz, damping_ratio) in [
+            (735.0, 0.014),
+            (735.0, 0.3),
+            (2300.0, 0.1),
+            (2300.0, 0.7),
+            (4900.0, 0.02),
+            (4900.0, 2.0),
+        ] {
+            for (coulomb_force_n, stiffness_n_um) in [
+                (0.05, 0.3),
+                (0.2, 1.0),
+                (0.1, 12.0),
+                (0.4, 50.0),
+                (0.02, 50.0),
+            ] {
                 let law = ModeLaw {
                     natural_frequency_rad_s: TAU * natural_frequency_hz,
                     damping_ratio,
                     sensor_bandwidth_hz: None,
                     sensor_filter: None,
                 };
-                let contact = ElastoplasticFriction { stiffness_n_um, damping_n_s_um: 0.0, coulomb_force_n, breakaway_ratio: None };
+                let contact = ElastoplasticFriction {
+                    stiffness_n_um,
+                    damping_n_s_um: 0.0,
+                    coulomb_force_n,
+                    breakaway_ratio: None,
+                };
                 for gliding_s in [None, Some(1.0 / (TAU * 800.0)), Some(1.0 / (TAU * 5000.0))] {
                     let arrival = gliding_s.map_or(Arrival::Late(0.0), Arrival::Gliding);
                     let (mut sum, mut count) = (0.0, 0);
                     for kind in 0..3 {
-                        let mut held = HeldMass::new(Bristle::with(contact), &law, DT_S, arrival, 0.0);
+                        let mut held =
+                            HeldMass::new(Bristle::with(contact), &law, DT_S, arrival, 0.0);
                         let mut force = 0.0;
-                        for (sample, expected) in integrated(&law, &contact, gliding_s, kind, samples).iter().enumerate() {
+                        for (sample, expected) in
+                            integrated(&law, &contact, gliding_s, kind, samples)
+                                .iter()
+                                .enumerate()
+                        {
                             let driven = drive(kind, sample as f64 * DT_S);
                             force = driven + arrival.left_after(DT_S) * (force - driven);
                             sum += (held.step(force) - expected).powi(2);
@@ -432,7 +567,10 @@ mod tests {
                     let rms_nm = 1e3 * (sum / f64::from(count)).sqrt();
                     // A mode that hardly loses anything rings on with the phase that it has got.
                     let most_nm = if damping_ratio < 0.1 { 10.0 } else { 1.5 };
-                    assert!(rms_nm < most_nm, "{law:?}, {contact:?}, {gliding_s:?}: {rms_nm:.3} nm");
+                    assert!(
+                        rms_nm < most_nm,
+                        "{law:?}, {contact:?}, {gliding_s:?}: {rms_nm:.3} nm"
+                    );
                 }
             }
         }

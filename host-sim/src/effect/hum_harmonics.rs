@@ -8,8 +8,8 @@
 
 use super::mains_hum::{self, lines_stage};
 use super::{
-    Against, Declaration, Estimation, LinesAtRest, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints,
-    Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinesAtRest, Overview, Parameter, Physics, Picture, Place,
+    Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -45,21 +45,42 @@ impl Physics for HumHarmonics {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
-        let amplitude = |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();
-        MULTIPLES.iter().flat_map(|k| [amplitude(format!("sine_{k}_um")), amplitude(format!("cosine_{k}_um"))]).collect()
+        let amplitude =
+            |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();
+        MULTIPLES
+            .iter()
+            .flat_map(|k| {
+                [
+                    amplitude(format!("sine_{k}_um")),
+                    amplitude(format!("cosine_{k}_um")),
+                ]
+            })
+            .collect()
     }
 
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        lines_stage(&self.line_frequencies_hz(model, values), values, setting.dt_s)
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(
+            &self.line_frequencies_hz(model, values),
+            values,
+            setting.dt_s,
+        )
     }
 
     fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
         let mains_hz = model.values(mains_hum::ID).map_or(USUAL_HZ, |hum| hum[0]);
-        MULTIPLES.iter().map(|multiple| f64::from(*multiple) * mains_hz).collect()
+        MULTIPLES
+            .iter()
+            .map(|multiple| f64::from(*multiple) * mains_hz)
+            .collect()
     }
 }
 
@@ -76,7 +97,11 @@ impl SearchHints for HumHarmonics {
 
     fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
         let multiples = self.line_frequencies_hz(model, &[]);
-        at_rest.lines_hz.iter().any(|line| multiples.iter().any(|multiple| (line - multiple).abs() < NEAR_HZ))
+        at_rest.lines_hz.iter().any(|line| {
+            multiples
+                .iter()
+                .any(|multiple| (line - multiple).abs() < NEAR_HZ)
+        })
     }
 }
 
@@ -98,8 +123,19 @@ impl SyntheticCases for HumHarmonics {
         Planted::Never
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some([0.002, 0.002, 0.003, 0.003].iter().map(|um| um * strength).chain([0.0; 2 * MULTIPLES.len() - 4]).collect())
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
+        Some(
+            [0.002, 0.002, 0.003, 0.003]
+                .iter()
+                .map(|um| um * strength)
+                .chain([0.0; 2 * MULTIPLES.len() - 4])
+                .collect(),
+        )
     }
 }
 
@@ -112,26 +148,53 @@ mod tests {
     fn it_adds_sines_at_multiples_of_the_hum() {
         let overview = Overview::without_data(0.0, 1.0);
         let mut model = Model::new(0.0, 1.0);
-        model.add(EffectInstance::new(by_id("mains_hum").unwrap(), &overview, &[49.9, 0.0, 0.0]));
+        model.add(EffectInstance::new(
+            by_id("mains_hum").unwrap(),
+            &overview,
+            &[49.9, 0.0, 0.0],
+        ));
         let mut values = [0.0; 12];
         (values[1], values[2]) = (0.3, 0.2);
-        model.add(EffectInstance::new(by_id("hum_harmonics").unwrap(), &overview, &values));
+        model.add(EffectInstance::new(
+            by_id("hum_harmonics").unwrap(),
+            &overview,
+            &values,
+        ));
         let drive = Drive::held(&[0.0; 3000], 1e-3, InitialState::Settled);
         for (k, read_um) in model.simulate(&drive).iter().enumerate() {
             let phase = std::f64::consts::TAU * 49.9 * 1e-3 * k as f64;
             let expected_um = 0.3 * (2.0 * phase).cos() + 0.2 * (3.0 * phase).sin();
-            assert!((read_um - expected_um).abs() < 1e-9, "{k}: {read_um} {expected_um}");
+            assert!(
+                (read_um - expected_um).abs() < 1e-9,
+                "{k}: {read_um} {expected_um}"
+            );
         }
     }
 
     #[test]
     fn only_a_multiple_of_the_hum_that_is_there_at_rest_speaks_for_it() {
         let mut model = Model::new(0.0, 1.0);
-        model.add(EffectInstance::new(by_id("mains_hum").unwrap(), &Overview::without_data(0.0, 1.0), &[59.95, 0.01, 0.0]));
+        model.add(EffectInstance::new(
+            by_id("mains_hum").unwrap(),
+            &Overview::without_data(0.0, 1.0),
+            &[59.95, 0.01, 0.0],
+        ));
         let harmonics = by_id("hum_harmonics").unwrap();
-        for (lines_hz, speaks) in [(&[][..], false), (&[59.95, 735.0], false), (&[100.0], false), (&[59.95, 179.8], true)] {
-            let at_rest = LinesAtRest { lines_hz: lines_hz.to_vec(), samples: 20_000 };
-            assert_eq!(harmonics.speaks_for_it(&model, &at_rest), speaks, "{lines_hz:?}");
+        for (lines_hz, speaks) in [
+            (&[][..], false),
+            (&[59.95, 735.0], false),
+            (&[100.0], false),
+            (&[59.95, 179.8], true),
+        ] {
+            let at_rest = LinesAtRest {
+                lines_hz: lines_hz.to_vec(),
+                samples: 20_000,
+            };
+            assert_eq!(
+                harmonics.speaks_for_it(&model, &at_rest),
+                speaks,
+                "{lines_hz:?}"
+            );
         }
     }
 }

@@ -9,8 +9,9 @@ use super::play_operators::PlayOperators;
 use super::rate_dependent_surfaces::RateOrders;
 use super::two_sided::TwoSidedMemory;
 use super::{
-    Against, CoefficientWalker, Declaration, Effect, Estimation, Loops, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, Stage, SyntheticCases, bipolar, rate_dependence,
+    Against, CoefficientWalker, Declaration, Effect, Estimation, Loops, Overview, Parameter,
+    Physics, Picture, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases, bipolar,
+    rate_dependence,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -43,7 +44,9 @@ pub const fn coefficient_count(degree: usize) -> usize {
 /// Degree of a loop surface with so many coefficients.
 #[must_use]
 pub fn degree_of(coefficients: usize) -> usize {
-    (1..).find(|d| coefficient_count(*d) >= coefficients).unwrap_or(1)
+    (1..)
+        .find(|d| coefficient_count(*d) >= coefficients)
+        .unwrap_or(1)
 }
 
 #[derive(Clone)]
@@ -114,7 +117,11 @@ impl HeldDrive {
         }
         // Over a held sample the rate is that of successive samples; a drive that moves inside a period has
         // its own.
-        let intervals = if self.unchanged + 1 >= self.substeps { self.substeps } else { 1 };
+        let intervals = if self.unchanged + 1 >= self.substeps {
+            self.substeps
+        } else {
+            1
+        };
         if drive_v != self.last_drive_v {
             self.unchanged = 0;
         }
@@ -146,10 +153,15 @@ impl Stage for HysteresisStage {
         // A rate is one of every step.
         let plain = !self.drive.asks_rate() && self.two_sided.is_none();
         let Some(last_v) = signal.last().copied().filter(|_| plain) else {
-            signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
+            signal
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, value)| *value = self.step(from + k, *value));
             return;
         };
-        signal.iter_mut().for_each(|value| *value = self.drive.normalised(*value));
+        signal
+            .iter_mut()
+            .for_each(|value| *value = self.drive.normalised(*value));
         let inputs = self.plays.is_some().then(|| signal.to_vec());
         self.operator.run(signal);
         if let (Some(plays), Some(inputs)) = (&mut self.plays, inputs) {
@@ -167,8 +179,13 @@ impl Stage for HysteresisStage {
         Some(vec![Block::Loops {
             g: surfaces.g.clone(),
             r: surfaces.r.clone(),
-            plays: self.plays.as_ref().map_or_else(Vec::new, PlayOperators::plays),
-            rate: drive.rate.map(|law| law.as_block(drive.dt_s, drive.substeps)),
+            plays: self
+                .plays
+                .as_ref()
+                .map_or_else(Vec::new, PlayOperators::plays),
+            rate: drive
+                .rate
+                .map(|law| law.as_block(drive.dt_s, drive.substeps)),
             lower: drive.lower_limit_v,
             span: drive.range_v,
         }])
@@ -189,10 +206,18 @@ impl Loops for HysteresisStage {
     }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         let stack = self.operator.stack();
-        let remembered = stack.pairs().iter().map(|pair| if rising { pair.maximum } else { pair.minimum });
+        let remembered = stack
+            .pairs()
+            .iter()
+            .map(|pair| if rising { pair.maximum } else { pair.minimum });
         let open = stack.open_maximum().filter(|_| rising);
-        let bends = remembered.chain(open).chain(self.plays.iter().flat_map(|plays| plays.bends(rising)));
-        bends.chain(self.two_sided.iter().map(|memory| memory.extremum(rising))).map(|x| self.drive.at(x)).collect()
+        let bends = remembered
+            .chain(open)
+            .chain(self.plays.iter().flat_map(|plays| plays.bends(rising)));
+        bends
+            .chain(self.two_sided.iter().map(|memory| memory.extremum(rising)))
+            .map(|x| self.drive.at(x))
+            .collect()
     }
 }
 
@@ -218,7 +243,8 @@ impl HysteresisStage {
 
     fn rate_independent(&mut self, drive_v: f64) -> f64 {
         let x = self.drive.normalised(drive_v);
-        let loops_um = self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x));
+        let loops_um =
+            self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x));
         match &mut self.two_sided {
             Some(memory) => loops_um - self.zero_um + memory.step(x),
             None => loops_um,
@@ -228,7 +254,11 @@ impl HysteresisStage {
     /// Where the initial ascending curve was left, or is.
     fn curve_at_maximum_um(&self) -> f64 {
         let maximum = self.operator.stack().global_maximum();
-        self.operator.initial_curve_at_maximum() + self.plays.as_ref().map_or(0.0, |plays| plays.initial_ascending_curve(maximum))
+        self.operator.initial_curve_at_maximum()
+            + self
+                .plays
+                .as_ref()
+                .map_or(0.0, |plays| plays.initial_ascending_curve(maximum))
     }
 }
 
@@ -276,10 +306,17 @@ impl Physics for Hysteresis {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        loop_terms(self.degree).map(|(i, j)| Parameter::linear(format!("g_{i}_{j}_um"), "um", -1e6, 1e6, step)).collect()
+        loop_terms(self.degree)
+            .map(|(i, j)| Parameter::linear(format!("g_{i}_{j}_um"), "um", -1e6, 1e6, step))
+            .collect()
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(HysteresisStage::new(model, values, setting)))
     }
 
@@ -287,7 +324,11 @@ impl Physics for Hysteresis {
         Some(Box::new(HysteresisStage::new(model, values, setting)))
     }
 
-    fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
+    fn coefficient_walker(
+        &self,
+        model: &Model,
+        setting: &Setting,
+    ) -> Option<Box<dyn CoefficientWalker>> {
         if model.effect(super::two_sided::ID).is_some() {
             return None; // the surfaces act through the virgin part as well
         }
@@ -295,10 +336,22 @@ impl Physics for Hysteresis {
         let (loops, curve) = (count(ID), count(super::initial_curve::ID));
         // Of each play operator its weight, the first of its two values.
         let plays = count(super::play_operators::ID) / 2;
-        let counts = [(ID, loops, 1), (super::initial_curve::ID, curve, 1), (super::play_operators::ID, plays, 2)];
+        let counts = [
+            (ID, loops, 1),
+            (super::initial_curve::ID, curve, 1),
+            (super::play_operators::ID, plays, 2),
+        ];
         let walk = CoefficientWalk::virgin(degree_of(loops), curve);
-        let contributions = Contributions { walk, plays: PlayOperators::of(model) };
-        Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
+        let contributions = Contributions {
+            walk,
+            plays: PlayOperators::of(model),
+        };
+        Some(Box::new(SurfaceWalker {
+            counts,
+            contributions,
+            drive: HeldDrive::of(model, setting),
+            present: Vec::new(),
+        }))
     }
 
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
@@ -329,8 +382,16 @@ impl SearchHints for Hysteresis {
             values[2] = -0.12 * scale;
         }
         // Around that loop every coefficient is a direction.
-        let moved = |k: usize| values.iter().enumerate().map(|(i, v)| if i == k { v + 0.05 * scale } else { *v }).collect();
-        std::iter::once(values.clone()).chain((0..values.len()).map(moved)).collect()
+        let moved = |k: usize| {
+            values
+                .iter()
+                .enumerate()
+                .map(|(i, v)| if i == k { v + 0.05 * scale } else { *v })
+                .collect()
+        };
+        std::iter::once(values.clone())
+            .chain((0..values.len()).map(moved))
+            .collect()
     }
 
     fn starts_combine(&self) -> bool {
@@ -391,7 +452,13 @@ pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
     model.effect(ID)?;
     let (_, height_um) = super::loops::widest_opening_and_height_um(model);
     let stays = Surfaces::from_legendre(1, &[], remnant);
-    let most_um = (0..=BRANCH).map(|k| stays.initial_ascending_curve(f64::from(k) / f64::from(BRANCH)).abs()).fold(0.0, f64::max);
+    let most_um = (0..=BRANCH)
+        .map(|k| {
+            stays
+                .initial_ascending_curve(f64::from(k) / f64::from(BRANCH))
+                .abs()
+        })
+        .fold(0.0, f64::max);
     Some(most_um / height_um)
 }
 
@@ -407,23 +474,33 @@ struct SurfaceWalker {
 
 impl SurfaceWalker {
     fn next(&mut self, drive_v: f64) {
-        let Some(rate_v_s) = self.drive.next(drive_v) else { return };
-        self.contributions.step(self.drive.normalised(drive_v), &mut self.present);
+        let Some(rate_v_s) = self.drive.next(drive_v) else {
+            return;
+        };
+        self.contributions
+            .step(self.drive.normalised(drive_v), &mut self.present);
         if let Some(law) = self.drive.rate {
             // The law is linear in what it is applied to.
             let curve = self.contributions.curve_at_maximum();
-            self.present.iter_mut().zip(curve).for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
+            self.present
+                .iter_mut()
+                .zip(curve)
+                .for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
         }
     }
 }
 
 impl CoefficientWalker for SurfaceWalker {
     fn coefficients(&self) -> Vec<(&'static str, usize)> {
-        self.counts.iter().flat_map(|(id, count, apart)| (0..*count).map(|i| (*id, i * *apart))).collect()
+        self.counts
+            .iter()
+            .flat_map(|(id, count, apart)| (0..*count).map(|i| (*id, i * *apart)))
+            .collect()
     }
     fn settle(&mut self, input: f64, row: &mut [f64]) {
         self.drive.settle(input);
-        self.contributions.step(self.drive.normalised(input), &mut self.present);
+        self.contributions
+            .step(self.drive.normalised(input), &mut self.present);
         row.copy_from_slice(&self.present);
     }
     fn run(&mut self, inputs: &[f64], block: &mut [f64]) {

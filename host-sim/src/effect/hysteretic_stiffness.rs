@@ -7,8 +7,8 @@
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases, vibration,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
 };
 use crate::chain::Model;
 
@@ -48,7 +48,11 @@ impl BoucWenSpring {
                 // Unloading, up to where nothing is held; an element that recovers nothing on the way stays
                 // below.
                 let rate = self.beta - self.gamma;
-                let to_zero_um = if rate.abs() * -h < 1e-9 { -h } else { (-rate * h).ln_1p() / rate };
+                let to_zero_um = if rate.abs() * -h < 1e-9 {
+                    -h
+                } else {
+                    (-rate * h).ln_1p() / rate
+                };
                 // Where the rate is so far below zero that it never comes there the logarithm is no number.
                 if to_zero_um.is_nan() || to_zero_um > left_um {
                     return side * tends(h, rate, left_um).min(0.0);
@@ -57,7 +61,8 @@ impl BoucWenSpring {
             }
             return side * tends(h, self.beta + self.gamma, left_um);
         }
-        let rate = |h: f64| 1.0 - (self.beta * h.signum() + self.gamma) * h.abs().powf(self.exponent);
+        let rate =
+            |h: f64| 1.0 - (self.beta * h.signum() + self.gamma) * h.abs().powf(self.exponent);
         let steepness = (self.beta.abs() + self.gamma.abs()).powf(1.0 / self.exponent);
         let parts = (left_um * steepness / PART).ceil().clamp(1.0, PARTS_MAX);
         let part_um = left_um / parts;
@@ -72,7 +77,11 @@ impl BoucWenSpring {
 /// Where `dh = (1 - rate h) dx` comes from `h` over a way.
 fn tends(h: f64, rate: f64, way_um: f64) -> f64 {
     let angle = (rate * way_um).max(-GROWS_MOST);
-    if angle.abs() < 1e-9 { h + way_um * (1.0 - rate * h) } else { h - (-angle).exp_m1() * (1.0 / rate - h) }
+    if angle.abs() < 1e-9 {
+        h + way_um * (1.0 - rate * h)
+    } else {
+        h - (-angle).exp_m1() * (1.0 / rate - h)
+    }
 }
 
 impl RestoringForce for BoucWenSpring {
@@ -81,11 +90,20 @@ impl RestoringForce for BoucWenSpring {
         (self.share * (h - (way.to_um - self.neutral_um)), h)
     }
     fn at_rest(&self, at_um: f64) -> (f64, f64) {
-        self.held(0.0, Travel { from_um: self.neutral_um, to_um: at_um, speed_um: 0.0 })
+        self.held(
+            0.0,
+            Travel {
+                from_um: self.neutral_um,
+                to_um: at_um,
+                speed_um: 0.0,
+            },
+        )
     }
     fn stiffening(&self, memory: f64, _swing_um: f64) -> f64 {
         // It gets stiffer than it is at the beginning only where it unloads, or hardens.
-        let steep = (self.gamma - self.beta).abs().max(-(self.beta + self.gamma));
+        let steep = (self.gamma - self.beta)
+            .abs()
+            .max(-(self.beta + self.gamma));
         self.share * (steep * memory.abs().powf(self.exponent)).max(0.0)
     }
 }
@@ -93,7 +111,13 @@ impl RestoringForce for BoucWenSpring {
 impl HystereticStiffness {
     fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
         let neutral_um = model.neutral_um(setting);
-        Box::new(BoucWenSpring { share: values[0], beta: values[1], gamma: values[2], exponent: values[3], neutral_um })
+        Box::new(BoucWenSpring {
+            share: values[0],
+            beta: values[1],
+            gamma: values[2],
+            exponent: values[3],
+            neutral_um,
+        })
     }
 }
 
@@ -116,16 +140,32 @@ impl Physics for HystereticStiffness {
         vec![
             Parameter::linear("share", "1", 0.0, 0.98, 0.01),
             Parameter::linear("beta_per_um", "1/um", 0.0, 500.0 * per_um, 0.1 * per_um),
-            Parameter::linear("gamma_per_um", "1/um", -500.0 * per_um, 500.0 * per_um, 0.1 * per_um),
+            Parameter::linear(
+                "gamma_per_um",
+                "1/um",
+                -500.0 * per_um,
+                500.0 * per_um,
+                0.1 * per_um,
+            ),
             Parameter::linear("exponent", "1", 0.5, 10.0, 0.05).fixed(),
         ]
     }
 
-    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+    fn restoring_force(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting,
+    ) -> Option<Box<dyn RestoringForce>> {
         Some(Self::spring(model, values, setting))
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
     }
 }
@@ -137,7 +177,10 @@ impl SearchHints for HystereticStiffness {
         let per_um = 1.0 / overview.range_um.max(1e-6);
         // Loops alone, loops that soften or harden, and loops that are closed early.
         let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
-        shapes.iter().map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0]).collect()
+        shapes
+            .iter()
+            .map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0])
+            .collect()
     }
 
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
@@ -151,7 +194,10 @@ impl Presentation for HystereticStiffness {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Displacement, caption: "A force that depends on where the motion turned last." }
+        Picture {
+            against: Against::Displacement,
+            caption: "A force that depends on where the motion turned last.",
+        }
     }
 }
 
@@ -165,9 +211,19 @@ impl SyntheticCases for HystereticStiffness {
         &[vibration::ID]
     }
 
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         let per_um = 1.0 / stage.overview.range_um;
-        Some(vec![0.1 * strength * (0.8 + 0.4 * random()), 4.0 * per_um, 0.0, 1.0])
+        Some(vec![
+            0.1 * strength * (0.8 + 0.4 * random()),
+            4.0 * per_um,
+            0.0,
+            1.0,
+        ])
     }
 }
 
@@ -180,19 +236,36 @@ mod tests {
         let steps = 200_000;
         let step = way_um / f64::from(steps);
         for _ in 0..steps {
-            h += step - (spring.beta * step.abs() * h.signum() + spring.gamma * step) * h.abs().powf(spring.exponent);
+            h += step
+                - (spring.beta * step.abs() * h.signum() + spring.gamma * step)
+                    * h.abs().powf(spring.exponent);
         }
         h
     }
 
     #[test]
     fn a_way_is_the_sum_of_its_steps() {
-        for (beta, gamma, exponent) in [(0.8, -1.1, 1.0), (2.0, 0.0, 1.0), (0.5, 0.5, 1.0), (0.6, 0.2, 2.0), (0.4, -0.1, 1.5)] {
-            let spring = BoucWenSpring { share: 0.5, beta, gamma, exponent, neutral_um: 0.0 };
+        for (beta, gamma, exponent) in [
+            (0.8, -1.1, 1.0),
+            (2.0, 0.0, 1.0),
+            (0.5, 0.5, 1.0),
+            (0.6, 0.2, 2.0),
+            (0.4, -0.1, 1.5),
+        ] {
+            let spring = BoucWenSpring {
+                share: 0.5,
+                beta,
+                gamma,
+                exponent,
+                neutral_um: 0.0,
+            };
             for h in [-0.7, -0.01, 0.0, 0.3] {
                 for way_um in [0.05, 1.3, -2.0] {
                     let (found, expected) = (spring.after(h, way_um), by_euler(&spring, h, way_um));
-                    assert!((found - expected).abs() < 1e-3 * expected.abs().max(0.1), "{spring:?} {h} {way_um}: {found} {expected}");
+                    assert!(
+                        (found - expected).abs() < 1e-3 * expected.abs().max(0.1),
+                        "{spring:?} {h} {way_um}: {found} {expected}"
+                    );
                 }
             }
         }

@@ -1,8 +1,8 @@
 //! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop removes.
 
 use super::{
-    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use std::sync::Arc;
@@ -40,10 +40,17 @@ impl Physics for InitialCurve {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        (0..self.terms).map(|k| Parameter::linear(format!("r_{k}_um"), "um", -1e6, 1e6, step)).collect()
+        (0..self.terms)
+            .map(|k| Parameter::linear(format!("r_{k}_um"), "um", -1e6, 1e6, step))
+            .collect()
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 
@@ -60,7 +67,19 @@ impl Estimation for InitialCurve {
 
 impl SearchHints for InitialCurve {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        (0..self.terms).map(|k| (0..self.terms).map(|i| if i == k { 0.02 * overview.range_um } else { 0.0 }).collect()).collect()
+        (0..self.terms)
+            .map(|k| {
+                (0..self.terms)
+                    .map(|i| {
+                        if i == k {
+                            0.02 * overview.range_um
+                        } else {
+                            0.0
+                        }
+                    })
+                    .collect()
+            })
+            .collect()
     }
 
     fn starts_combine(&self) -> bool {
@@ -82,7 +101,9 @@ impl SearchHints for InitialCurve {
     }
 
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        model.ruled_out_because(super::hysteresis::ID).map(|_| "it belongs to loops, and there are none".into())
+        model
+            .ruled_out_because(super::hysteresis::ID)
+            .map(|_| "it belongs to loops, and there are none".into())
     }
 }
 
@@ -100,7 +121,12 @@ impl Presentation for InitialCurve {
 }
 
 impl SyntheticCases for InitialCurve {
-    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        _strength: f64,
+        stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(stage.remnant_um.clone())
     }
 }

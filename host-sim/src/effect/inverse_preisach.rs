@@ -5,7 +5,8 @@
 //! the displacement to a drive, which a model has to give, is found by [`crate::hysteresis_inverse`].
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use crate::hysteresis_inverse::HysteresisInverse;
@@ -32,10 +33,17 @@ struct InverseStage {
 
 impl InverseStage {
     fn new(model: &Model, values: &[f64]) -> Self {
-        let (span_um, terms) = values.split_first().map_or((1.0, &[][..]), |(span, terms)| (*span, terms));
-        let (loops, curve) = terms.split_at(super::hysteresis::coefficient_count(DEGREE).min(terms.len()));
-        let operator = OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, loops, curve), 0.0, span_um);
-        Self { inverse: HysteresisInverse::new(operator, 0.0, span_um), lower_limit_v: model.drive_min_v }
+        let (span_um, terms) = values
+            .split_first()
+            .map_or((1.0, &[][..]), |(span, terms)| (*span, terms));
+        let (loops, curve) =
+            terms.split_at(super::hysteresis::coefficient_count(DEGREE).min(terms.len()));
+        let operator =
+            OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, loops, curve), 0.0, span_um);
+        Self {
+            inverse: HysteresisInverse::new(operator, 0.0, span_um),
+            lower_limit_v: model.drive_min_v,
+        }
     }
 }
 
@@ -74,10 +82,18 @@ impl Physics for InversePreisach {
         let volts = |name: String| Parameter::linear(name, "V", -1e6, 1e6, step);
         let span = Parameter::linear("span_um", "um", 1e-9, 1e9, 1.0).fixed();
         let loops = loop_terms(DEGREE).map(|(i, j)| volts(format!("g_{i}_{j}_v")));
-        std::iter::once(span).chain(loops).chain((0..CURVE).map(|k| volts(format!("r_{k}_v")))).collect()
+        std::iter::once(span)
+            .chain(loops)
+            .chain((0..CURVE).map(|k| volts(format!("r_{k}_v"))))
+            .collect()
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(InverseStage::new(model, values)))
     }
 

@@ -1,8 +1,8 @@
 //! External force on the actuator, taken from the measured force channel.
 
 use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
+    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -17,11 +17,17 @@ struct LoadStage<'a> {
 
 impl Stage for LoadStage<'_> {
     fn step(&mut self, k: usize, input: f64) -> f64 {
-        let force_n = self.setting.signals.force_n.map_or(0.0, |force_n| self.setting.held(force_n, k));
+        let force_n = self
+            .setting
+            .signals
+            .force_n
+            .map_or(0.0, |force_n| self.setting.held(force_n, k));
         input + self.compliance_um_n * force_n
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Force { compliance: self.compliance_um_n }])
+        Some(vec![Block::Force {
+            compliance: self.compliance_um_n,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -36,7 +42,9 @@ impl Physics for LoadForce {
         Declaration {
             id: "load_force".into(),
             physics: "An external force compresses the actuator by its compliance.".into(),
-            reference: "thesis Ch. 2, Eq. 11; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
+            reference:
+                "thesis Ch. 2, Eq. 11; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)"
+                    .into(),
             place: Place::LoadForce,
             modifies: None,
             experiment: "constant drive while the force changes and is recorded".into(),
@@ -46,11 +54,25 @@ impl Physics for LoadForce {
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::linear("compliance_um_n", "um/N", -1e3, 1e3, 0.001 * overview.range_um.max(1e-6))]
+        vec![Parameter::linear(
+            "compliance_um_n",
+            "um/N",
+            -1e3,
+            1e3,
+            0.001 * overview.range_um.max(1e-6),
+        )]
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(LoadStage { compliance_um_n: values[0], setting: *setting }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(LoadStage {
+            compliance_um_n: values[0],
+            setting: *setting,
+        }))
     }
 }
 
@@ -58,7 +80,11 @@ impl Estimation for LoadForce {}
 
 impl SearchHints for LoadForce {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        if overview.has_force { vec![vec![0.001 * overview.range_um.max(1e-6)]] } else { Vec::new() }
+        if overview.has_force {
+            vec![vec![0.001 * overview.range_um.max(1e-6)]]
+        } else {
+            Vec::new()
+        }
     }
 
     fn needs_force(&self) -> bool {
@@ -72,7 +98,10 @@ impl Presentation for LoadForce {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Force, caption: "An error that follows the measured force, whatever the drive does." }
+        Picture {
+            against: Against::Force,
+            caption: "An error that follows the measured force, whatever the drive does.",
+        }
     }
 }
 
@@ -81,7 +110,12 @@ impl SyntheticCases for LoadForce {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.02 * strength])
     }
 }

@@ -9,7 +9,8 @@
 
 use super::creep::stage_of_terms;
 use super::{
-    Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Place, Presentation,
+    SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -30,7 +31,8 @@ pub struct LogarithmicCreep;
 /// `values` are share per decade, onset and settling time, s.
 #[must_use]
 pub fn terms(values: &[f64], most: usize) -> Vec<(f64, f64)> {
-    let [share_per_decade, onset_s, settling_s] = [0, 1, 2].map(|i| values.get(i).copied().unwrap_or(1.0));
+    let [share_per_decade, onset_s, settling_s] =
+        [0, 1, 2].map(|i| values.get(i).copied().unwrap_or(1.0));
     let shortest_s = SHORTEST * onset_s;
     let decades = (settling_s.max(10.0 * onset_s) / shortest_s).log10();
     let count = ((TERMS_PER_DECADE * decades).ceil() as usize + 1).clamp(2, most.max(2));
@@ -39,13 +41,19 @@ pub fn terms(values: &[f64], most: usize) -> Vec<(f64, f64)> {
         let tau_s = shortest_s * 10f64.powf(i as f64 * spacing);
         // Half of the last interval: creep settles there.
         let weight = if i + 1 == count { 0.5 } else { 1.0 };
-        (share_per_decade * spacing * weight * (-onset_s / tau_s).exp(), tau_s)
+        (
+            share_per_decade * spacing * weight * (-onset_s / tau_s).exp(),
+            tau_s,
+        )
     };
     (0..count).map(term).collect()
 }
 
 fn flat(values: &[f64]) -> Vec<f64> {
-    terms(values, usize::MAX).into_iter().flat_map(|(share, tau_s)| [share, tau_s]).collect()
+    terms(values, usize::MAX)
+        .into_iter()
+        .flat_map(|(share, tau_s)| [share, tau_s])
+        .collect()
 }
 
 impl Physics for LogarithmicCreep {
@@ -78,12 +86,23 @@ impl Physics for LogarithmicCreep {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(stage_of_terms(&flat(values), setting.dt_s))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        terms(values, usize::MAX).iter().map(|(_, tau_s)| FreeMotion { decay_per_s: 1.0 / tau_s, frequency_rad_s: 0.0 }).collect()
+        terms(values, usize::MAX)
+            .iter()
+            .map(|(_, tau_s)| FreeMotion {
+                decay_per_s: 1.0 / tau_s,
+                frequency_rad_s: 0.0,
+            })
+            .collect()
     }
 }
 
@@ -100,7 +119,10 @@ impl Estimation for LogarithmicCreep {
 impl SearchHints for LogarithmicCreep {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let longest_s = overview.duration_s.max(1e-3);
-        [1e-3, 1e-2, 0.1].iter().map(|share| vec![0.01, share * longest_s, 100.0 * longest_s]).collect()
+        [1e-3, 1e-2, 0.1]
+            .iter()
+            .map(|share| vec![0.01, share * longest_s, 100.0 * longest_s])
+            .collect()
     }
 }
 

@@ -29,17 +29,30 @@ pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
     let mut loops = model.clone();
     loops.effects.retain(|e| {
         let declaration = e.effect.declaration();
-        declaration.is_main() || (declaration.place == Place::Hysteresis && declaration.modifies.is_some())
+        declaration.is_main()
+            || (declaration.place == Place::Hysteresis && declaration.modifies.is_some())
     });
     let (from_v, to_v) = (model.drive_min_v, model.drive_max_v);
     let rise = (0..BRANCH).map(|k| from_v + (to_v - from_v) * k as f64 / BRANCH as f64);
     let fall = (0..BRANCH).map(|k| to_v + (from_v - to_v) * k as f64 / BRANCH as f64);
     // The first rise is that of the initial curve; a reading stands at the end of the interval before it.
-    let drive_v: Vec<f64> = rise.clone().chain(fall).chain(rise).chain([to_v, to_v]).collect();
+    let drive_v: Vec<f64> = rise
+        .clone()
+        .chain(fall)
+        .chain(rise)
+        .chain([to_v, to_v])
+        .collect();
     let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
     let read = loops.simulate(&drive);
-    let (falling, rising) = (&read[1 + BRANCH..2 * BRANCH + 2], &read[1 + 2 * BRANCH..3 * BRANCH + 2]);
-    let opening_um = rising.iter().zip(falling.iter().rev()).map(|(up, down)| (up - down).abs()).fold(0.0, f64::max);
+    let (falling, rising) = (
+        &read[1 + BRANCH..2 * BRANCH + 2],
+        &read[1 + 2 * BRANCH..3 * BRANCH + 2],
+    );
+    let opening_um = rising
+        .iter()
+        .zip(falling.iter().rev())
+        .map(|(up, down)| (up - down).abs())
+        .fold(0.0, f64::max);
     (opening_um, (rising[BRANCH] - rising[0]).abs())
 }
 
@@ -52,14 +65,21 @@ mod tests {
     /// Share of its height by which Prandtl-Ishlinskii's operator of these weights opens.
     fn opens_by(weights_um: &[f64]) -> f64 {
         let mut model = Model::new(0.0, 100.0);
-        model.add(EffectInstance::new(by_id("prandtl_ishlinskii").unwrap(), &Overview::without_data(0.0, 100.0), weights_um));
+        model.add(EffectInstance::new(
+            by_id("prandtl_ishlinskii").unwrap(),
+            &Overview::without_data(0.0, 100.0),
+            weights_um,
+        ));
         let (opening_um, height_um) = widest_opening_and_height_um(&model);
         opening_um / height_um
     }
 
     #[test]
     fn a_play_without_a_threshold_does_not_open() {
-        let plays = by_id("prandtl_ishlinskii").unwrap().parameters(&Overview::without_data(0.0, 100.0)).len();
+        let plays = by_id("prandtl_ishlinskii")
+            .unwrap()
+            .parameters(&Overview::without_data(0.0, 100.0))
+            .len();
         let mut weights_um = vec![0.0; plays];
         weights_um[0] = 1.0;
         assert!(opens_by(&weights_um) < 1e-12);

@@ -1,8 +1,9 @@
 //! Mains hum: a line at the mains frequency in the sensor signal, whatever the drive does.
 
 use super::{
-    Against, Declaration, Estimation, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn,
+    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
+    SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -32,7 +33,12 @@ struct Line {
 impl Line {
     fn at(frequency_hz: f64, [sine_um, cosine_um]: [f64; 2], dt_s: f64) -> Self {
         let (sine, cosine) = (std::f64::consts::TAU * frequency_hz * dt_s).sin_cos();
-        Self { sine_um, cosine_um, rotation: (cosine, sine), phasor: (1.0, 0.0) }
+        Self {
+            sine_um,
+            cosine_um,
+            rotation: (cosine, sine),
+            phasor: (1.0, 0.0),
+        }
     }
     fn next_um(&mut self) -> f64 {
         let (c, s) = self.phasor;
@@ -47,10 +53,18 @@ struct LinesStage(Vec<Line>);
 
 impl Stage for LinesStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        self.0.iter_mut().fold(input, |sum, line| sum + line.next_um())
+        self.0
+            .iter_mut()
+            .fold(input, |sum, line| sum + line.next_um())
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let line = |line: &Line| [line.rotation.1.atan2(line.rotation.0), line.sine_um, line.cosine_um];
+        let line = |line: &Line| {
+            [
+                line.rotation.1.atan2(line.rotation.0),
+                line.sine_um,
+                line.cosine_um,
+            ]
+        };
         Some(vec![Block::Lines(self.0.iter().map(line).collect())])
     }
     fn settle(&mut self, input: f64) -> f64 {
@@ -63,9 +77,18 @@ impl Stage for LinesStage {
 
 /// The stage of lines whose amplitudes stand in pairs of sine and cosine; none where all are zero, as while
 /// they are fitted to every record by themselves.
-pub(super) fn lines_stage<'a>(frequencies_hz: &[f64], amplitudes_um: &[f64], dt_s: f64) -> Option<Box<dyn Stage + 'a>> {
-    let lines = frequencies_hz.iter().zip(amplitudes_um.as_chunks::<2>().0).filter(|(_, um)| um.iter().any(|um| *um != 0.0));
-    let lines: Vec<Line> = lines.map(|(frequency_hz, um)| Line::at(*frequency_hz, *um, dt_s)).collect();
+pub(super) fn lines_stage<'a>(
+    frequencies_hz: &[f64],
+    amplitudes_um: &[f64],
+    dt_s: f64,
+) -> Option<Box<dyn Stage + 'a>> {
+    let lines = frequencies_hz
+        .iter()
+        .zip(amplitudes_um.as_chunks::<2>().0)
+        .filter(|(_, um)| um.iter().any(|um| *um != 0.0));
+    let lines: Vec<Line> = lines
+        .map(|(frequency_hz, um)| Line::at(*frequency_hz, *um, dt_s))
+        .collect();
     (!lines.is_empty()).then(|| Box::new(LinesStage(lines)) as Box<dyn Stage + 'a>)
 }
 
@@ -96,7 +119,12 @@ impl Physics for MainsHum {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         lines_stage(&values[..1], &values[1..], setting.dt_s)
     }
 
@@ -112,7 +140,10 @@ impl SearchHints for MainsHum {
         let amplitude = 0.001 * overview.range_um;
         let mut out = Vec::new();
         // In less than a period a line looks like a trend.
-        for frequency_hz in [50.0, 60.0].into_iter().filter(|hz| hz * overview.duration_s >= 1.0) {
+        for frequency_hz in [50.0, 60.0]
+            .into_iter()
+            .filter(|hz| hz * overview.duration_s >= 1.0)
+        {
             out.push(vec![frequency_hz, amplitude, 0.0]);
             out.push(vec![frequency_hz, 0.0, amplitude]);
         }
@@ -120,7 +151,11 @@ impl SearchHints for MainsHum {
     }
 
     fn speaks_for_it(&self, _model: &Model, at_rest: &LinesAtRest) -> bool {
-        at_rest.samples < SHOWS_WEAK_LINES || at_rest.lines_hz.iter().any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
+        at_rest.samples < SHOWS_WEAK_LINES
+            || at_rest
+                .lines_hz
+                .iter()
+                .any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
     }
 }
 
@@ -142,7 +177,12 @@ impl SyntheticCases for MainsHum {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![50.0, 0.007 * strength, 0.007 * strength])
     }
 }
@@ -156,11 +196,22 @@ mod tests {
     #[test]
     fn a_long_rest_without_a_line_speaks_against_hum() {
         let hum = by_id("mains_hum").unwrap();
-        for (lines_hz, samples, speaks) in
-            [(&[][..], 0, true), (&[], 800, true), (&[], 15_000, false), (&[735.0], 15_000, false), (&[49.98], 15_000, true)]
-        {
-            let at_rest = LinesAtRest { lines_hz: lines_hz.to_vec(), samples };
-            assert_eq!(hum.speaks_for_it(&Model::new(0.0, 1.0), &at_rest), speaks, "{at_rest:?}");
+        for (lines_hz, samples, speaks) in [
+            (&[][..], 0, true),
+            (&[], 800, true),
+            (&[], 15_000, false),
+            (&[735.0], 15_000, false),
+            (&[49.98], 15_000, true),
+        ] {
+            let at_rest = LinesAtRest {
+                lines_hz: lines_hz.to_vec(),
+                samples,
+            };
+            assert_eq!(
+                hum.speaks_for_it(&Model::new(0.0, 1.0), &at_rest),
+                speaks,
+                "{at_rest:?}"
+            );
         }
     }
 }

@@ -1,8 +1,8 @@
 //! An added mass lowers the frequency and the damping ratio of the modes.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
-    Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -15,7 +15,10 @@ pub struct MassChange;
 /// Factor on natural frequency and damping ratio in `model`.
 #[must_use]
 pub fn frequency_factor(model: &Model) -> f64 {
-    model.values(ID).and_then(|v| v.first().copied()).map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
+    model
+        .values(ID)
+        .and_then(|v| v.first().copied())
+        .map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
 }
 
 impl Physics for MassChange {
@@ -36,7 +39,12 @@ impl Physics for MassChange {
         vec![Parameter::linear("mass_ratio", "1", -0.9, 50.0, 0.01)]
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
@@ -55,12 +63,20 @@ impl Presentation for MassChange {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
 impl SyntheticCases for MassChange {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.1 * strength])
     }
 }

@@ -1,7 +1,8 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::block::{Block, Play};
 use crate::chain::Model;
@@ -44,7 +45,8 @@ impl Stage for SlipStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let x = (input - self.lower_limit_v) / self.range_v;
         let mut held = 0.0;
-        for (i, (stiffness, stretch)) in self.stiffness_um.iter().zip(&mut self.stretch).enumerate() {
+        for (i, (stiffness, stretch)) in self.stiffness_um.iter().zip(&mut self.stretch).enumerate()
+        {
             *stretch = (*stretch + x - self.last).clamp(-limit(i), limit(i));
             held += stiffness * *stretch;
         }
@@ -52,9 +54,17 @@ impl Stage for SlipStage {
         self.gain_um * x - held
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let element = |(i, weight): (usize, &f64)| Play { threshold: 0.5 * (i + 1) as f64 / ELEMENTS as f64, weight: *weight };
+        let element = |(i, weight): (usize, &f64)| Play {
+            threshold: 0.5 * (i + 1) as f64 / ELEMENTS as f64,
+            weight: *weight,
+        };
         let elements = self.stiffness_um.iter().enumerate().map(element).collect();
-        Some(vec![Block::Slip { gain: self.gain_um, elements, lower: self.lower_limit_v, span: self.range_v }])
+        Some(vec![Block::Slip {
+            gain: self.gain_um,
+            elements,
+            lower: self.lower_limit_v,
+            span: self.range_v,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -67,8 +77,18 @@ impl Loops for SlipStage {
     }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where an element begins to slip.
-        let left = |(i, stretch): (usize, &f64)| if rising { limit(i) - stretch } else { -limit(i) - stretch };
-        self.stretch.iter().enumerate().map(|element| self.lower_limit_v + self.range_v * (self.last + left(element))).collect()
+        let left = |(i, stretch): (usize, &f64)| {
+            if rising {
+                limit(i) - stretch
+            } else {
+                -limit(i) - stretch
+            }
+        };
+        self.stretch
+            .iter()
+            .enumerate()
+            .map(|element| self.lower_limit_v + self.range_v * (self.last + left(element)))
+            .collect()
     }
 }
 
@@ -89,11 +109,19 @@ impl Physics for MaxwellSlip {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let mut out = vec![Parameter::linear("gain_um", "um", -1e6, 1e6, step)];
-        out.extend((0..ELEMENTS).map(|i| Parameter::linear(format!("stiffness_{i}_um"), "um", -1e6, 1e6, step)));
+        out.extend(
+            (0..ELEMENTS)
+                .map(|i| Parameter::linear(format!("stiffness_{i}_um"), "um", -1e6, 1e6, step)),
+        );
         out
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(SlipStage::new(model, values)))
     }
 

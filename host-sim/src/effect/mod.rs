@@ -163,7 +163,16 @@ impl Parameter {
 
     /// Data may reach no further than a limit; bounds never cross.
     fn varied(name: String, unit: &str, (lower, upper): (f64, f64), scale: Scale) -> Self {
-        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, expected: None, of_a_grid: false }
+        Self {
+            name,
+            unit: unit.into(),
+            lower,
+            upper: upper.max(lower),
+            scale,
+            fixed: false,
+            expected: None,
+            of_a_grid: false,
+        }
     }
 
     /// The same parameter, expected within so much of zero where data do not say it.
@@ -353,7 +362,10 @@ impl AuxiliarySignal {
     /// The same signal with other values in the place of these.
     #[must_use]
     pub fn with(&self, values: impl FnOnce(&[f64]) -> Vec<f64>) -> Self {
-        Self { name: self.name.clone(), values: values(&self.values) }
+        Self {
+            name: self.name.clone(),
+            values: values(&self.values),
+        }
     }
 }
 
@@ -390,7 +402,14 @@ impl Setting<'_> {
     /// Of a drive between these limits, held over each period, with nothing recorded beside it.
     #[must_use]
     pub fn of_held_drive(drive_min_v: f64, drive_max_v: f64, dt_s: f64) -> Self {
-        Self { dt_s, substeps: 1, signals: Signals::default(), drive_min_v, drive_max_v, runs_straight: false }
+        Self {
+            dt_s,
+            substeps: 1,
+            signals: Signals::default(),
+            drive_min_v,
+            drive_max_v,
+            runs_straight: false,
+        }
     }
 
     /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0
@@ -405,26 +424,42 @@ impl Setting<'_> {
 #[must_use]
 pub fn lag_weights(bandwidth_hz: f64, dt_s: f64) -> (f64, f64) {
     let tau_s = 1.0 / (std::f64::consts::TAU * bandwidth_hz);
-    ((-dt_s / tau_s).exp(), -(-dt_s / tau_s).exp_m1() * tau_s / dt_s)
+    (
+        (-dt_s / tau_s).exp(),
+        -(-dt_s / tau_s).exp_m1() * tau_s / dt_s,
+    )
 }
 
 /// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag
 /// in the sensor. Without either the sensor reads the voltage at the end of the interval through what follows
 /// at once.
 fn takes_the_mean_in(model: &Model) -> bool {
-    model.effects.iter().any(|e| matches!(e.effect.declaration().place, Place::Vibration | Place::SensorBandwidth))
+    model.effects.iter().any(|e| {
+        matches!(
+            e.effect.declaration().place,
+            Place::Vibration | Place::SensorBandwidth
+        )
+    })
 }
 
 /// Bandwidths at which a first-order lag is looked for, Hz.
 fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
-    [0.25, 0.06, 0.015].iter().map(|share| vec![share * overview.sample_rate_max_hz]).collect()
+    [0.25, 0.06, 0.015]
+        .iter()
+        .map(|share| vec![share * overview.sample_rate_max_hz])
+        .collect()
 }
 
 /// The bandwidth of a first-order lag, within what the fastest record can show: a lag of much less than its
 /// sampling period cannot be distinguished from how precisely the instants of sampling and of writing the
 /// drive are known.
 fn lag_parameters(overview: &Overview) -> Vec<Parameter> {
-    vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 0.5 * overview.sample_rate_max_hz)]
+    vec![Parameter::logarithmic(
+        "bandwidth_hz",
+        "Hz",
+        1e-4 * overview.sample_rate_max_hz,
+        0.5 * overview.sample_rate_max_hz,
+    )]
 }
 
 /// Sub-intervals of a sampling period for an effect that moves inside it: 12.5 us where the sampling is fast
@@ -562,7 +597,12 @@ pub trait Physics: Send + Sync {
     /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
     ///
     /// `values` are this effect's values in `model`.
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>>;
 
     /// The loops of a structure that has an inverse.
     fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
@@ -570,12 +610,21 @@ pub trait Physics: Send + Sync {
     }
 
     /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
-    fn restoring_force(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+    fn restoring_force(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting,
+    ) -> Option<Box<dyn RestoringForce>> {
         None
     }
 
     /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
-    fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
+    fn coefficient_walker(
+        &self,
+        _model: &Model,
+        _setting: &Setting,
+    ) -> Option<Box<dyn CoefficientWalker>> {
         None
     }
 
@@ -708,7 +757,10 @@ pub trait Presentation {
 
     /// The picture that shows the effect in a residual.
     fn picture(&self) -> Picture {
-        Picture { against: Against::Drive, caption: "Averaged over the drive, by branch." }
+        Picture {
+            against: Against::Drive,
+            caption: "Averaged over the drive, by branch.",
+        }
     }
 }
 
@@ -716,13 +768,22 @@ pub trait Presentation {
 pub trait SyntheticCases: Physics {
     /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set;
     /// `None` where it has no strength.
-    fn values_at(&self, _strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        _strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         None
     }
 
     /// In which sets of synthetic cases it is hidden.
     fn planted(&self) -> Planted {
-        if self.declaration().candidate { Planted::Alone } else { Planted::Never }
+        if self.declaration().candidate {
+            Planted::Alone
+        } else {
+            Planted::Never
+        }
     }
 
     /// Effects that an actuator which has this one has with it.
@@ -761,8 +822,12 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(rate_dependent_surfaces::RateDependentSurfaces::default()),
         Arc::new(bipolar::Bipolar),
         Arc::new(two_sided::TwoSided),
-        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),
-        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: true }),
+        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii {
+            one_sided_dead_zones: false,
+        }),
+        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii {
+            one_sided_dead_zones: true,
+        }),
         Arc::new(rate_dependent_prandtl_ishlinskii::RateDependentPrandtlIshlinskii),
         Arc::new(maxwell_slip::MaxwellSlip),
         Arc::new(bouc_wen::BoucWen),
@@ -796,5 +861,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
 #[must_use]
 pub fn by_id(id: &str) -> Option<Arc<dyn Effect>> {
     let wanted = id.trim().replace('-', "_");
-    registry().into_iter().find(|e| e.declaration().id == wanted)
+    registry()
+        .into_iter()
+        .find(|e| e.declaration().id == wanted)
 }

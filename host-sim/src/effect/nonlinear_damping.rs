@@ -3,8 +3,8 @@
 
 use super::force_balance::{RestoringForce, Travel};
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases, vibration,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
 };
 use crate::chain::Model;
 
@@ -30,7 +30,12 @@ const SMOOTHED: f64 = 1e-3;
 impl RestoringForce for Damper {
     fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
         let speed = way.speed_um / self.at_um;
-        (self.force_um * speed * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0)), memory)
+        (
+            self.force_um
+                * speed
+                * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0)),
+            memory,
+        )
     }
     fn at_rest(&self, _at_um: f64) -> (f64, f64) {
         (0.0, 0.0)
@@ -38,7 +43,8 @@ impl RestoringForce for Damper {
     fn stiffening(&self, _memory: f64, swing_um: f64) -> f64 {
         // A damper turns a state over no faster than by its slope.
         let speed = swing_um / self.at_um;
-        let slope = self.force_um.abs() / self.at_um * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0));
+        let slope = self.force_um.abs() / self.at_um
+            * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0));
         slope * slope
     }
 }
@@ -67,11 +73,25 @@ impl Physics for NonlinearDamping {
         ]
     }
 
-    fn restoring_force(&self, _model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
-        Some(Box::new(Damper { force_um: values[0], exponent: values[1], at_um: values[2] }))
+    fn restoring_force(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        _setting: &Setting,
+    ) -> Option<Box<dyn RestoringForce>> {
+        Some(Box::new(Damper {
+            force_um: values[0],
+            exponent: values[1],
+            at_um: values[2],
+        }))
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None // without a mass nothing moves against it
     }
 }
@@ -81,7 +101,10 @@ impl Estimation for NonlinearDamping {}
 impl SearchHints for NonlinearDamping {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
-        [2.0, 0.2].iter().map(|exponent| vec![0.005 * half_um, *exponent, half_um]).collect()
+        [2.0, 0.2]
+            .iter()
+            .map(|exponent| vec![0.005 * half_um, *exponent, half_um])
+            .collect()
     }
 
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
@@ -95,7 +118,10 @@ impl Presentation for NonlinearDamping {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "A force that does not grow in proportion to the velocity." }
+        Picture {
+            against: Against::Rate,
+            caption: "A force that does not grow in proportion to the velocity.",
+        }
     }
 }
 
@@ -109,8 +135,17 @@ impl SyntheticCases for NonlinearDamping {
         &[vibration::ID]
     }
 
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;
-        Some(vec![0.05 * strength * (0.8 + 0.4 * random()) * half_um, 2.0, half_um])
+        Some(vec![
+            0.05 * strength * (0.8 + 0.4 * random()) * half_um,
+            2.0,
+            half_um,
+        ])
     }
 }

@@ -5,8 +5,8 @@
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases, vibration,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
 };
 use crate::chain::Model;
 
@@ -29,7 +29,12 @@ struct Spring {
 
 impl Spring {
     fn new(powers: [f64; 3], neutral_um: f64) -> Self {
-        let mut spring = Self { powers, neutral_um, low_um: f64::NEG_INFINITY, high_um: f64::INFINITY };
+        let mut spring = Self {
+            powers,
+            neutral_um,
+            low_um: f64::NEG_INFINITY,
+            high_um: f64::INFINITY,
+        };
         (spring.low_um, spring.high_um) = (-spring.gives_way_at(-1.0), spring.gives_way_at(1.0));
         spring
     }
@@ -45,17 +50,35 @@ impl Spring {
     /// alone would undo the straight spring sets the scale, a hundredth of it the step.
     fn gives_way_at(&self, side: f64) -> f64 {
         let [second, third, fifth] = self.powers;
-        let alone = [(2.0 * second * side, 1.0), (3.0 * third, 2.0), (5.0 * fifth, 4.0)];
-        let reach_um = alone.iter().filter(|(slope, _)| *slope < 0.0).map(|(slope, power)| (-slope).powf(-1.0 / power)).fold(0.0, f64::max);
+        let alone = [
+            (2.0 * second * side, 1.0),
+            (3.0 * third, 2.0),
+            (5.0 * fifth, 4.0),
+        ];
+        let reach_um = alone
+            .iter()
+            .filter(|(slope, _)| *slope < 0.0)
+            .map(|(slope, power)| (-slope).powf(-1.0 / power))
+            .fold(0.0, f64::max);
         let gives_way = |um: f64| self.slope(side * um) <= -1.0;
         // Others hold it together for a while, at most until the highest of those that undo it has outgrown
         // them.
         let steps = (1..=GIVING_WAY_STEPS).map(|k| f64::from(k) * 0.01 * reach_um);
-        let Some(mut behind) = steps.into_iter().find(|um| gives_way(*um)).filter(|_| reach_um > 0.0) else { return f64::INFINITY };
+        let Some(mut behind) = steps
+            .into_iter()
+            .find(|um| gives_way(*um))
+            .filter(|_| reach_um > 0.0)
+        else {
+            return f64::INFINITY;
+        };
         let mut before = behind - 0.01 * reach_um;
         for _ in 0..60 {
             let middle = 0.5 * (before + behind);
-            if gives_way(middle) { behind = middle } else { before = middle }
+            if gives_way(middle) {
+                behind = middle
+            } else {
+                before = middle
+            }
         }
         before
     }
@@ -72,18 +95,26 @@ impl RestoringForce for Spring {
         let [second, third, fifth] = self.powers;
         let square = inside * inside;
         // Beyond, the straight spring's rise is subtracted.
-        (square * (second + inside * (third + fifth * square)) - (deflection - inside), 0.0)
+        (
+            square * (second + inside * (third + fifth * square)) - (deflection - inside),
+            0.0,
+        )
     }
     fn stiffening(&self, _memory: f64, swing_um: f64) -> f64 {
         let at = |um: f64| self.slope(um.clamp(self.low_um, self.high_um));
-        at(swing_um - self.neutral_um).max(at(-swing_um - self.neutral_um)).max(0.0)
+        at(swing_um - self.neutral_um)
+            .max(at(-swing_um - self.neutral_um))
+            .max(0.0)
     }
 }
 
 impl NonlinearStiffness {
     fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
         let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
-        Box::new(Spring::new([value(0), value(1), value(2)], model.neutral_um(setting)))
+        Box::new(Spring::new(
+            [value(0), value(1), value(2)],
+            model.neutral_um(setting),
+        ))
     }
 }
 
@@ -110,16 +141,36 @@ impl Physics for NonlinearStiffness {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         let power = |name: &str, unit: &str, order: i32| {
             let unit_size = half_um.powi(1 - order);
-            Parameter::linear(name, unit, -10.0 * unit_size, 10.0 * unit_size, 0.01 * unit_size)
+            Parameter::linear(
+                name,
+                unit,
+                -10.0 * unit_size,
+                10.0 * unit_size,
+                0.01 * unit_size,
+            )
         };
-        vec![power("quadratic_per_um", "1/um", 2), power("cubic_per_um2", "1/um^2", 3), power("fifth_per_um4", "1/um^4", 5).fixed()]
+        vec![
+            power("quadratic_per_um", "1/um", 2),
+            power("cubic_per_um2", "1/um^2", 3),
+            power("fifth_per_um4", "1/um^4", 5).fixed(),
+        ]
     }
 
-    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+    fn restoring_force(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting,
+    ) -> Option<Box<dyn RestoringForce>> {
         Some(Self::spring(model, values, setting))
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
     }
 }
@@ -129,7 +180,10 @@ impl Estimation for NonlinearStiffness {}
 impl SearchHints for NonlinearStiffness {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
-        vec![vec![0.02 / half_um, 0.0, 0.0], vec![0.0, 0.02 / (half_um * half_um), 0.0]]
+        vec![
+            vec![0.02 / half_um, 0.0, 0.0],
+            vec![0.0, 0.02 / (half_um * half_um), 0.0],
+        ]
     }
 
     fn starts_combine(&self) -> bool {
@@ -149,7 +203,10 @@ interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three 
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Displacement, caption: "A force that grows faster, or more slowly, than the displacement." }
+        Picture {
+            against: Against::Displacement,
+            caption: "A force that grows faster, or more slowly, than the displacement.",
+        }
     }
 }
 
@@ -163,9 +220,18 @@ impl SyntheticCases for NonlinearStiffness {
         &[vibration::ID]
     }
 
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;
-        Some(vec![0.0, 0.05 * strength * (0.8 + 0.4 * random()) / (half_um * half_um), 0.0])
+        Some(vec![
+            0.0,
+            0.05 * strength * (0.8 + 0.4 * random()) / (half_um * half_um),
+            0.0,
+        ])
     }
 }
 
@@ -177,10 +243,25 @@ mod tests {
     fn a_softening_spring_holds_the_load_at_which_it_gives_way() {
         let spring = Spring::new([0.0, -1.0 / 3.0, 0.0], 2.0);
         assert!((spring.high_um - 1.0).abs() < 1e-9 && (spring.low_um + 1.0).abs() < 1e-9);
-        let whole = |um: f64| um - 2.0 + spring.held(0.0, Travel { from_um: 0.0, to_um: um, speed_um: 0.0 }).0;
+        let whole = |um: f64| {
+            um - 2.0
+                + spring
+                    .held(
+                        0.0,
+                        Travel {
+                            from_um: 0.0,
+                            to_um: um,
+                            speed_um: 0.0,
+                        },
+                    )
+                    .0
+        };
         assert!((whole(3.0) - 2.0 / 3.0).abs() < 1e-9);
         assert!((whole(9.0) - whole(3.0)).abs() < 1e-9 && (whole(-7.0) + whole(3.0)).abs() < 1e-9);
         let held_together = Spring::new([-0.5, 1.0, 0.0], 0.0);
-        assert_eq!((held_together.low_um, held_together.high_um), (f64::NEG_INFINITY, f64::INFINITY));
+        assert_eq!(
+            (held_together.low_um, held_together.high_um),
+            (f64::NEG_INFINITY, f64::INFINITY)
+        );
     }
 }

@@ -10,7 +10,8 @@
 //! set free (`finer_plays` of the library).
 
 use super::{
-    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation,
+    SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::block::Play;
 use crate::chain::Model;
@@ -43,23 +44,44 @@ impl PlayOperators {
     pub(super) fn new(thresholds_and_weights: &[(f64, f64)]) -> Self {
         let some = |given: &[(f64, f64)]| {
             let mut out = Elements::default();
-            given.iter().enumerate().for_each(|(i, (threshold, weight))| (out.thresholds[i], out.weights[i]) = (*threshold, *weight));
+            given
+                .iter()
+                .enumerate()
+                .for_each(|(i, (threshold, weight))| {
+                    (out.thresholds[i], out.weights[i]) = (*threshold, *weight)
+                });
             out
         };
-        Self { elements: thresholds_and_weights.chunks(SIDE_BY_SIDE).map(some).collect(), count: thresholds_and_weights.len() }
+        Self {
+            elements: thresholds_and_weights
+                .chunks(SIDE_BY_SIDE)
+                .map(some)
+                .collect(),
+            count: thresholds_and_weights.len(),
+        }
     }
 
     /// The operators that `model` has beside its surfaces.
     pub(super) fn of(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
-        Some(Self::new(&values.chunks_exact(2).map(|pair| (pair[1], pair[0])).collect::<Vec<_>>()))
+        Some(Self::new(
+            &values
+                .chunks_exact(2)
+                .map(|pair| (pair[1], pair[0]))
+                .collect::<Vec<_>>(),
+        ))
     }
 
     /// Follows an input and returns the weighted sum.
     #[inline]
     pub(super) fn step(&mut self, x: f64) -> f64 {
         let mut sums = [0.0; SIDE_BY_SIDE];
-        for Elements { thresholds, weights, plays } in &mut self.elements {
+        for Elements {
+            thresholds,
+            weights,
+            plays,
+        } in &mut self.elements
+        {
             for i in 0..SIDE_BY_SIDE {
                 // Plain comparisons: of two numbers each is one instruction, for several elements at once.
                 let (lower, upper) = (x - thresholds[i], x + thresholds[i]);
@@ -73,21 +95,36 @@ impl PlayOperators {
 
     /// Follows inputs and adds the weighted sum at each.
     pub(super) fn add_to(&mut self, outputs: &mut [f64], inputs: &[f64]) {
-        outputs.iter_mut().zip(inputs).for_each(|(out, x)| *out += self.step(*x));
+        outputs
+            .iter_mut()
+            .zip(inputs)
+            .for_each(|(out, x)| *out += self.step(*x));
     }
 
     /// Of each element what `of` takes of its threshold, its weight and where it stands.
     fn each(&self, of: impl Fn(f64, f64, f64) -> f64) -> impl Iterator<Item = f64> {
-        let all =
-            self.elements.iter().flat_map(|e| std::array::from_fn::<_, SIDE_BY_SIDE, _>(|i| (e.thresholds[i], e.weights[i], e.plays[i])));
-        all.take(self.count).map(move |(threshold, weight, play)| of(threshold, weight, play))
+        let all = self.elements.iter().flat_map(|e| {
+            std::array::from_fn::<_, SIDE_BY_SIDE, _>(|i| {
+                (e.thresholds[i], e.weights[i], e.plays[i])
+            })
+        });
+        all.take(self.count)
+            .map(move |(threshold, weight, play)| of(threshold, weight, play))
     }
 
     /// The elements.
     pub(super) fn plays(&self) -> Vec<Play> {
-        let play =
-            |e: &Elements| -> [Play; SIDE_BY_SIDE] { std::array::from_fn(|i| Play { threshold: e.thresholds[i], weight: e.weights[i] }) };
-        self.elements.iter().flat_map(play).take(self.count).collect()
+        let play = |e: &Elements| -> [Play; SIDE_BY_SIDE] {
+            std::array::from_fn(|i| Play {
+                threshold: e.thresholds[i],
+                weight: e.weights[i],
+            })
+        };
+        self.elements
+            .iter()
+            .flat_map(play)
+            .take(self.count)
+            .collect()
     }
 
     /// Where each element stands: what a unit of its weight gives.
@@ -97,12 +134,19 @@ impl PlayOperators {
 
     /// Inputs at which an element begins to move, on the way up or down.
     pub(super) fn bends(&self, rising: bool) -> impl Iterator<Item = f64> {
-        self.each(move |threshold, _, play| if rising { play + threshold } else { play - threshold })
+        self.each(move |threshold, _, play| {
+            if rising {
+                play + threshold
+            } else {
+                play - threshold
+            }
+        })
     }
 
     /// What the first rise to `x` gives.
     pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
-        self.each(|threshold, weight, _| weight * rise(x, threshold)).sum()
+        self.each(|threshold, weight, _| weight * rise(x, threshold))
+            .sum()
     }
 
     /// The same for a unit weight of each element.
@@ -160,10 +204,19 @@ impl Physics for PlayOperatorsBeside {
     }
 
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { elements: count / 2 }) as Arc<dyn Effect>)
+        (count > 0 && count.is_multiple_of(2)).then(|| {
+            Arc::new(Self {
+                elements: count / 2,
+            }) as Arc<dyn Effect>
+        })
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
@@ -176,7 +229,11 @@ impl Estimation for PlayOperatorsBeside {
 
 impl SearchHints for PlayOperatorsBeside {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![(0..self.elements).flat_map(|i| [0.0, threshold(i, self.elements)]).collect()]
+        vec![
+            (0..self.elements)
+                .flat_map(|i| [0.0, threshold(i, self.elements)])
+                .collect(),
+        ]
     }
 }
 

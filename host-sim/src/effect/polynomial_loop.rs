@@ -2,7 +2,8 @@
 //! loops.
 
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -64,7 +65,11 @@ impl Loops for PolynomialStage {
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // A turn jumps to the other branch.
         let ahead = if rising { f64::EPSILON } else { -f64::EPSILON };
-        if rising == self.rising { Vec::new() } else { vec![self.last_v + ahead * self.range_v] }
+        if rising == self.rising {
+            Vec::new()
+        } else {
+            vec![self.last_v + ahead * self.range_v]
+        }
     }
 }
 
@@ -72,7 +77,9 @@ impl Physics for PolynomialLoop {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "One curve for a rising drive and one for a falling one: the major loop alone.".into(),
+            physics:
+                "One curve for a rising drive and one for a falling one: the major loop alone."
+                    .into(),
             reference: "thesis Ch. 2, 3.1.1".into(),
             place: Place::Hysteresis,
             modifies: None,
@@ -84,11 +91,21 @@ impl Physics for PolynomialLoop {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        let of = |name: &str, i: usize| Parameter::linear(format!("{name}_{i}_um"), "um", -1e6, 1e6, step);
-        (0..MIDDLE).map(|i| of("middle", i)).chain((0..OPENING).map(|i| of("opening", i))).collect()
+        let of = |name: &str, i: usize| {
+            Parameter::linear(format!("{name}_{i}_um"), "um", -1e6, 1e6, step)
+        };
+        (0..MIDDLE)
+            .map(|i| of("middle", i))
+            .chain((0..OPENING).map(|i| of("opening", i)))
+            .collect()
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage::new(model, values)))
     }
 

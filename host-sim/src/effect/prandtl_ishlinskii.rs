@@ -3,7 +3,8 @@
 
 use super::play_operators::PlayOperators;
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::block::{Block, Play};
 use crate::chain::Model;
@@ -31,10 +32,16 @@ struct PlayStage {
 impl PlayStage {
     fn new(model: &Model, values: &[f64]) -> Self {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
-        let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
+        let (dead_zones, span_um) = rest
+            .split_last()
+            .map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
         Self {
             operators: PlayOperators::new(
-                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+                &weights
+                    .iter()
+                    .enumerate()
+                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
+                    .collect::<Vec<_>>(),
             ),
             dead_zones: dead_zones.to_vec(),
             span_um,
@@ -57,8 +64,21 @@ impl Stage for PlayStage {
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         let threshold = |i: usize| self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
-        let zones = self.dead_zones.iter().enumerate().map(|(i, weight)| Play { threshold: threshold(i), weight: *weight }).collect();
-        Some(vec![Block::Plays { plays: self.operators.plays(), zones, lower: self.lower_limit_v, span: self.range_v }])
+        let zones = self
+            .dead_zones
+            .iter()
+            .enumerate()
+            .map(|(i, weight)| Play {
+                threshold: threshold(i),
+                weight: *weight,
+            })
+            .collect();
+        Some(vec![Block::Plays {
+            plays: self.operators.plays(),
+            zones,
+            lower: self.lower_limit_v,
+            span: self.range_v,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -71,16 +91,25 @@ impl Loops for PlayStage {
     }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where a dead zone ends the search finds by itself.
-        self.operators.bends(rising).map(|x| self.lower_limit_v + self.range_v * x).collect()
+        self.operators
+            .bends(rising)
+            .map(|x| self.lower_limit_v + self.range_v * x)
+            .collect()
     }
 }
 
 impl Physics for PrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         let (id, reference) = if self.one_sided_dead_zones {
-            ("modified_prandtl_ishlinskii", "Kuhnen, European Journal of Control 9 (2003) 407-418")
+            (
+                "modified_prandtl_ishlinskii",
+                "Kuhnen, European Journal of Control 9 (2003) 407-418",
+            )
         } else {
-            ("prandtl_ishlinskii", "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)")
+            (
+                "prandtl_ishlinskii",
+                "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)",
+            )
         };
         Declaration {
             id: id.into(),
@@ -96,15 +125,25 @@ impl Physics for PrandtlIshlinskii {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
-        let mut out: Vec<_> = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, 0.01 * range)).collect();
+        let mut out: Vec<_> = (0..PLAYS)
+            .map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, 0.01 * range))
+            .collect();
         if self.one_sided_dead_zones {
-            out.extend((0..DEAD_ZONES).map(|i| Parameter::linear(format!("dead_zone_{i}"), "1", -10.0, 10.0, 0.01)));
+            out.extend(
+                (0..DEAD_ZONES)
+                    .map(|i| Parameter::linear(format!("dead_zone_{i}"), "1", -10.0, 10.0, 0.01)),
+            );
             out.push(Parameter::linear("span_um", "um", 0.0, 1e6, 0.01 * range).fixed());
         }
         out
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PlayStage::new(model, values)))
     }
 
@@ -126,7 +165,15 @@ impl Estimation for PrandtlIshlinskii {
 impl SearchHints for PrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
-        let mut values: Vec<_> = (0..PLAYS).map(|i| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 }).collect();
+        let mut values: Vec<_> = (0..PLAYS)
+            .map(|i| {
+                if i == 0 {
+                    0.8 * scale
+                } else {
+                    0.2 * scale / (PLAYS - 1) as f64
+                }
+            })
+            .collect();
         if self.one_sided_dead_zones {
             values.extend([0.0; DEAD_ZONES]);
             values.push(scale);

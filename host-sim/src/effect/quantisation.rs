@@ -1,8 +1,8 @@
 //! Quantisation of the reading by the converter.
 
 use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
+    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -16,7 +16,11 @@ struct RoundStage {
 
 impl Stage for RoundStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        if self.lsb_um > 0.0 { (input / self.lsb_um).round() * self.lsb_um } else { input }
+        if self.lsb_um > 0.0 {
+            (input / self.lsb_um).round() * self.lsb_um
+        } else {
+            input
+        }
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         Some(vec![Block::Round { step: self.lsb_um }])
@@ -45,14 +49,28 @@ impl Physics for Quantisation {
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::linear("lsb_um", "um", 0.0, overview.range_um, 1e-5 * overview.range_um.max(1e-6)).fixed()]
+        vec![
+            Parameter::linear(
+                "lsb_um",
+                "um",
+                0.0,
+                overview.range_um,
+                1e-5 * overview.range_um.max(1e-6),
+            )
+            .fixed(),
+        ]
     }
 
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(RoundStage { lsb_um: values[0] }))
     }
 }
@@ -87,7 +105,12 @@ impl SyntheticCases for Quantisation {
         Planted::Alone
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.005 * strength])
     }
 }

@@ -6,8 +6,8 @@
 //! rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Rate;
 use crate::chain::Model;
@@ -34,13 +34,27 @@ impl RateLaw {
     #[must_use]
     pub fn of(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
-        Some(Self { loop_linear: values[0], loop_quadratic: values[1], curve_linear: values[2] })
+        Some(Self {
+            loop_linear: values[0],
+            loop_quadratic: values[1],
+            curve_linear: values[2],
+        })
     }
 
     /// The law over intervals of this length, so many in a sampling period.
     pub(super) fn as_block(&self, dt_s: f64, substeps: usize) -> Rate {
-        let Self { loop_linear, loop_quadratic, curve_linear } = *self;
-        Rate { loop_linear, loop_quadratic, curve_linear, dt_s, substeps }
+        let Self {
+            loop_linear,
+            loop_quadratic,
+            curve_linear,
+        } = *self;
+        Rate {
+            loop_linear,
+            loop_quadratic,
+            curve_linear,
+            dt_s,
+            substeps,
+        }
     }
 
     /// Output at the present rate, from the rate-independent output and `F(M_max)`.
@@ -48,7 +62,8 @@ impl RateLaw {
     pub fn apply(&self, rate_independent: f64, curve: f64, rate_v_s: f64) -> f64 {
         let v = rate_v_s / UNIT_RATE_V_S;
         let lost = curve - rate_independent;
-        curve * (1.0 + self.curve_linear * v) - lost * (1.0 + v * (self.loop_linear + v * self.loop_quadratic))
+        curve * (1.0 + self.curve_linear * v)
+            - lost * (1.0 + v * (self.loop_linear + v * self.loop_quadratic))
     }
 }
 
@@ -56,7 +71,8 @@ impl Physics for RateDependence {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Domains need time to switch: the loops are wider the faster the drive moves.".into(),
+            physics: "Domains need time to switch: the loops are wider the faster the drive moves."
+                .into(),
             reference: "thesis Ch. 4, Eqs. 16-17".into(),
             place: Place::Hysteresis,
             modifies: Some(super::hysteresis::ID),
@@ -74,7 +90,12 @@ impl Physics for RateDependence {
         ]
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
@@ -87,7 +108,11 @@ impl Estimation for RateDependence {
 
 impl SearchHints for RateDependence {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0), 0.0, 0.0]]
+        vec![vec![
+            0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0),
+            0.0,
+            0.0,
+        ]]
     }
 
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
@@ -106,7 +131,10 @@ In `n` sub-intervals `v` is that of whole periods while the drive steps from sam
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
+        Picture {
+            against: Against::Rate,
+            caption: "An error that grows with the rate of the drive and changes sign with it.",
+        }
     }
 }
 
@@ -115,7 +143,12 @@ impl SyntheticCases for RateDependence {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.03 * strength, 0.0, 0.0])
     }
 }
@@ -130,17 +163,26 @@ mod tests {
     fn the_rate_is_that_of_samples_at_any_step() {
         let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
-        for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("rate_dependence", &[0.3, 0.0, 0.1][..])] {
+        for (id, values) in [
+            ("hysteresis", &[10.0, 1.2, -1.2][..]),
+            ("rate_dependence", &[0.3, 0.0, 0.1][..]),
+        ] {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
-        let drive_v: Vec<f64> = (0..200).map(|k| 40.0 - 40.0 * (0.07 * f64::from(k)).cos()).map(|u| (u / 3.0).round() * 3.0).collect();
+        let drive_v: Vec<f64> = (0..200)
+            .map(|k| 40.0 - 40.0 * (0.07 * f64::from(k)).cos())
+            .map(|u| (u / 3.0).round() * 3.0)
+            .collect();
         let drive = Drive::held(&drive_v, 5e-5, InitialState::Virgin);
         let coarse = model.simulate(&drive);
         for substeps in [2, 4, 7] {
             let fine = model.simulate_finely(&drive, substeps);
             // A sample that repeats the one before is at rest; between its sub-intervals and a whole period
             // there is no difference at the end.
-            assert!(coarse.iter().zip(&fine).all(|(a, b)| (a - b).abs() < 1e-12), "{substeps}");
+            assert!(
+                coarse.iter().zip(&fine).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{substeps}"
+            );
         }
     }
 }

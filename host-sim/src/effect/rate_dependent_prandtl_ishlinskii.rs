@@ -3,7 +3,8 @@
 
 use super::play_operators::PlayOperators;
 use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
+    Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -34,8 +35,16 @@ impl Stage for RatePlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let rate = (input - self.last_v).abs() / self.period_s / UNIT_RATE_V_S;
         self.last_v = input;
-        let slow = self.operators.step((input - self.lower_limit_v) / self.range_v);
-        slow + rate * self.operators.positions().zip(&self.by_rate).map(|(play, weight)| play * weight).sum::<f64>()
+        let slow = self
+            .operators
+            .step((input - self.lower_limit_v) / self.range_v);
+        slow + rate
+            * self
+                .operators
+                .positions()
+                .zip(&self.by_rate)
+                .map(|(play, weight)| play * weight)
+                .sum::<f64>()
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.last_v = input;
@@ -48,7 +57,10 @@ impl Loops for RatePlayStage {
         Box::new(self.clone())
     }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
-        self.operators.bends(rising).map(|x| self.lower_limit_v + self.range_v * x).collect()
+        self.operators
+            .bends(rising)
+            .map(|x| self.lower_limit_v + self.range_v * x)
+            .collect()
     }
 }
 
@@ -57,7 +69,11 @@ impl RatePlayStage {
         let (weights, by_rate) = values.split_at(PLAYS.min(values.len()));
         Self {
             operators: PlayOperators::new(
-                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+                &weights
+                    .iter()
+                    .enumerate()
+                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
+                    .collect::<Vec<_>>(),
             ),
             by_rate: by_rate.to_vec(),
             lower_limit_v: model.drive_min_v,
@@ -84,12 +100,26 @@ impl Physics for RateDependentPrandtlIshlinskii {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        let weight = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step));
-        let by_rate = (0..PLAYS).map(|i| Parameter::linear(format!("rate_weight_{i}_um"), "um/(10^4 V/s)", -1e6, 1e6, step));
+        let weight =
+            (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step));
+        let by_rate = (0..PLAYS).map(|i| {
+            Parameter::linear(
+                format!("rate_weight_{i}_um"),
+                "um/(10^4 V/s)",
+                -1e6,
+                1e6,
+                step,
+            )
+        });
         weight.chain(by_rate).collect()
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(RatePlayStage::new(model, values, setting)))
     }
 
@@ -111,7 +141,13 @@ impl Estimation for RateDependentPrandtlIshlinskii {
 impl SearchHints for RateDependentPrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
-        let weight = |i: usize| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 };
+        let weight = |i: usize| {
+            if i == 0 {
+                0.8 * scale
+            } else {
+                0.2 * scale / (PLAYS - 1) as f64
+            }
+        };
         vec![(0..PLAYS).map(weight).chain([0.0; PLAYS]).collect()]
     }
 

@@ -11,8 +11,8 @@
 //! is part of `hysteron reproduce 4`.
 
 use super::{
-    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, Stage,
-    SyntheticCases,
+    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place,
+    Presentation, SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
@@ -57,7 +57,10 @@ impl RateOrders {
             let (loops, curve) = terms.split_at(LOOP_TERMS.min(terms.len()));
             OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, loops, curve), 0.0, 1.0)
         };
-        Some(Self { operators: coefficients.chunks_exact(TERMS).map(operator).collect(), reference_rate_v_s: *reference_rate_v_s })
+        Some(Self {
+            operators: coefficients.chunks_exact(TERMS).map(operator).collect(),
+            reference_rate_v_s: *reference_rate_v_s,
+        })
     }
 
     /// The next input, in units of the drive range above the lower limit, at a rate; what the powers add, um.
@@ -91,8 +94,13 @@ impl Physics for RateDependentSurfaces {
         let coefficient = |name: String| Parameter::linear(name, "um", -1e6, 1e6, step);
         let mut out = vec![Parameter::logarithmic("reference_rate_v_s", "V/s", 1e-9, 1e12).fixed()];
         for order in 1..=self.orders {
-            let loops = crate::hysteresis_surface::loop_terms(DEGREE).map(|(i, j)| format!("g_{i}_{j}_rate_{order}_um"));
-            out.extend(loops.chain((0..CURVE_TERMS).map(|k| format!("r_{k}_rate_{order}_um"))).map(coefficient));
+            let loops = crate::hysteresis_surface::loop_terms(DEGREE)
+                .map(|(i, j)| format!("g_{i}_{j}_rate_{order}_um"));
+            out.extend(
+                loops
+                    .chain((0..CURVE_TERMS).map(|k| format!("r_{k}_rate_{order}_um")))
+                    .map(coefficient),
+            );
         }
         out
     }
@@ -100,10 +108,19 @@ impl Physics for RateDependentSurfaces {
     fn with_parameters(&self, count: usize) -> Option<std::sync::Arc<dyn Effect>> {
         let coefficients = count.checked_sub(1)?;
         let whole = coefficients > 0 && coefficients.is_multiple_of(TERMS);
-        whole.then(|| std::sync::Arc::new(Self { orders: coefficients / TERMS }) as std::sync::Arc<dyn Effect>)
+        whole.then(|| {
+            std::sync::Arc::new(Self {
+                orders: coefficients / TERMS,
+            }) as std::sync::Arc<dyn Effect>
+        })
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
@@ -117,7 +134,11 @@ impl Estimation for RateDependentSurfaces {
 impl SearchHints for RateDependentSurfaces {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // At the fastest drive the powers are one.
-        vec![std::iter::once(overview.slope_max_v_s.max(1e-6)).chain(std::iter::repeat_n(0.0, TERMS * self.orders)).collect()]
+        vec![
+            std::iter::once(overview.slope_max_v_s.max(1e-6))
+                .chain(std::iter::repeat_n(0.0, TERMS * self.orders))
+                .collect(),
+        ]
     }
 
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
@@ -133,7 +154,10 @@ In `n` sub-intervals `v` is counted as for `rate_dependence`."
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and differs from branch to branch." }
+        Picture {
+            against: Against::Rate,
+            caption: "An error that grows with the rate of the drive and differs from branch to branch.",
+        }
     }
 }
 
@@ -149,23 +173,49 @@ mod tests {
     /// Oracle: the operators of the thesis' reproduction, one for each power of the rate.
     #[test]
     fn it_is_the_rate_dependent_model_of_the_thesis() {
-        let overview = Overview { range_um: 10.0, ..Overview::without_data(0.0, 80.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            ..Overview::without_data(0.0, 80.0)
+        };
         let base = [10.0, 1.2, -1.2, 0.1, 0.05, -0.1, 0.02, 0.0, -0.03, 0.01];
-        let by_rate: Vec<f64> = (0..3 * TERMS).map(|k| 0.02 * ((7 * k % 5) as f64 - 2.0)).collect();
+        let by_rate: Vec<f64> = (0..3 * TERMS)
+            .map(|k| 0.02 * ((7 * k % 5) as f64 - 2.0))
+            .collect();
         let mut model = Model::new(0.0, 80.0);
-        model.add(EffectInstance::new(by_id("hysteresis").unwrap(), &overview, &base));
-        model.add(EffectInstance::new(by_id("initial_curve").unwrap(), &overview, &[0.3, -0.1, 0.02, 0.0]));
-        let values: Vec<f64> = std::iter::once(5000.0).chain(by_rate.iter().copied()).collect();
+        model.add(EffectInstance::new(
+            by_id("hysteresis").unwrap(),
+            &overview,
+            &base,
+        ));
+        model.add(EffectInstance::new(
+            by_id("initial_curve").unwrap(),
+            &overview,
+            &[0.3, -0.1, 0.02, 0.0],
+        ));
+        let values: Vec<f64> = std::iter::once(5000.0)
+            .chain(by_rate.iter().copied())
+            .collect();
         model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
-        let drive_v: Vec<f64> = (0..400).map(|k| 40.0 - 40.0 * (0.05 * f64::from(k)).cos() * (0.013 * f64::from(k)).cos()).collect();
+        let drive_v: Vec<f64> = (0..400)
+            .map(|k| 40.0 - 40.0 * (0.05 * f64::from(k)).cos() * (0.013 * f64::from(k)).cos())
+            .collect();
         let drive = Drive::held(&drive_v, 1e-3, InitialState::Virgin);
-        let order = |terms: &[f64]| Surfaces::from_legendre(DEGREE, &terms[..LOOP_TERMS], &terms[LOOP_TERMS..]);
-        let orders =
-            std::iter::once(Surfaces::from_legendre(4, &base, &[0.3, -0.1, 0.02, 0.0])).chain(by_rate.chunks_exact(TERMS).map(order));
-        let surfaces = RateSurfaces { orders: orders.collect(), reference_rate_v_s: 5000.0 };
+        let order = |terms: &[f64]| {
+            Surfaces::from_legendre(DEGREE, &terms[..LOOP_TERMS], &terms[LOOP_TERMS..])
+        };
+        let orders = std::iter::once(Surfaces::from_legendre(4, &base, &[0.3, -0.1, 0.02, 0.0]))
+            .chain(by_rate.chunks_exact(TERMS).map(order));
+        let surfaces = RateSurfaces {
+            orders: orders.collect(),
+            reference_rate_v_s: 5000.0,
+        };
         let mut oracle = RateDependentHysteresis::virgin(&surfaces, 0.0, 80.0, 1000.0);
         let expected: Vec<f64> = drive_v.iter().map(|u| oracle.step(*u)).collect();
-        for (k, (got, wanted)) in model.simulate(&drive)[1..].iter().zip(&expected).enumerate() {
+        for (k, (got, wanted)) in model.simulate(&drive)[1..]
+            .iter()
+            .zip(&expected)
+            .enumerate()
+        {
             assert!((got - wanted).abs() < 1e-9, "{k}: {got} {wanted}");
         }
     }

@@ -1,8 +1,8 @@
 //! Saturation of the amplifier: the voltage on the piezo stops at a limit that the drive exceeds.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
-    SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -23,7 +23,10 @@ impl Stage for SaturationStage {
         input.min(self.upper_v).max(self.lower_v)
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Clamp { lower: self.lower_v, upper: self.upper_v }])
+        Some(vec![Block::Clamp {
+            lower: self.lower_v,
+            upper: self.upper_v,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -47,13 +50,34 @@ impl Physics for Saturation {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();
         vec![
-            Parameter::linear("upper_v", "V", overview.drive_min_v + 0.05 * range, overview.drive_max_v + range, 0.002 * range),
-            Parameter::linear("lower_v", "V", overview.drive_min_v - range, overview.drive_max_v, 0.002 * range).fixed(),
+            Parameter::linear(
+                "upper_v",
+                "V",
+                overview.drive_min_v + 0.05 * range,
+                overview.drive_max_v + range,
+                0.002 * range,
+            ),
+            Parameter::linear(
+                "lower_v",
+                "V",
+                overview.drive_min_v - range,
+                overview.drive_max_v,
+                0.002 * range,
+            )
+            .fixed(),
         ]
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SaturationStage { upper_v: values[0], lower_v: values[1] }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(SaturationStage {
+            upper_v: values[0],
+            lower_v: values[1],
+        }))
     }
 }
 
@@ -64,7 +88,12 @@ impl SearchHints for Saturation {
         let span = overview.drive_peak_v - overview.drive_min_v;
         [0.97, 0.92, 0.85, 0.77, 0.68, 0.58]
             .iter()
-            .map(|share| vec![overview.drive_min_v + share * span, overview.drive_min_v - overview.drive_range_v()])
+            .map(|share| {
+                vec![
+                    overview.drive_min_v + share * span,
+                    overview.drive_min_v - overview.drive_range_v(),
+                ]
+            })
             .collect()
     }
 }
@@ -75,7 +104,10 @@ impl Presentation for Saturation {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Drive, caption: "Saturation is one-sided: nothing below a voltage, then ever more." }
+        Picture {
+            against: Against::Drive,
+            caption: "Saturation is one-sided: nothing below a voltage, then ever more.",
+        }
     }
 }
 
@@ -84,7 +116,15 @@ impl SyntheticCases for Saturation {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![stage.overview.drive_max_v - 6.5 * strength, -stage.overview.drive_max_v])
+    fn values_at(
+        &self,
+        strength: f64,
+        stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
+        Some(vec![
+            stage.overview.drive_max_v - 6.5 * strength,
+            -stage.overview.drive_max_v,
+        ])
     }
 }

@@ -1,8 +1,9 @@
 //! A second structural mode that takes a share of the motion.
 
 use super::{
-    Against, Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, Resonance,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
+    Against, Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Picture, Place,
+    Planted, Presentation, Resonance, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    vibration,
 };
 use crate::chain::Model;
 
@@ -38,7 +39,12 @@ impl Physics for SecondMode {
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        _values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         match model.effect(super::vibration::ID) {
             Some(_) => None,
             None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
@@ -73,8 +79,12 @@ impl SearchHints for SecondMode {
 
     fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
         let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
-        (values[1] > AT_ITS_LIMIT * highest_rad_s)
-            .then(|| format!("its {:.0} Hz are half the sampling rate, where nothing shows a resonance", values[1] / std::f64::consts::TAU))
+        (values[1] > AT_ITS_LIMIT * highest_rad_s).then(|| {
+            format!(
+                "its {:.0} Hz are half the sampling rate, where nothing shows a resonance",
+                values[1] / std::f64::consts::TAU
+            )
+        })
     }
 
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
@@ -82,7 +92,10 @@ impl SearchHints for SecondMode {
     }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
-        resonances.iter().map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio]).collect()
+        resonances
+            .iter()
+            .map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio])
+            .collect()
     }
 }
 
@@ -93,7 +106,10 @@ itself where there is no `vibration`."
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
@@ -102,8 +118,17 @@ impl SyntheticCases for SecondMode {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.05 * strength, stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()), 0.02])
+    fn values_at(
+        &self,
+        strength: f64,
+        stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
+        Some(vec![
+            0.05 * strength,
+            stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()),
+            0.02,
+        ])
     }
 }
 
@@ -119,7 +144,10 @@ mod tests {
         let half_rate_rad_s = std::f64::consts::PI * overview.sample_rate_max_hz;
         for (share_of_it, none) in [(0.5, false), (0.97, false), (1.0, true)] {
             let mut model = Model::new(0.0, 100.0);
-            for (id, values) in [(vibration::ID, vec![4000.0, 0.02]), (ID, vec![0.01, share_of_it * half_rate_rad_s, 0.02])] {
+            for (id, values) in [
+                (vibration::ID, vec![4000.0, 0.02]),
+                (ID, vec![0.01, share_of_it * half_rate_rad_s, 0.02]),
+            ] {
                 model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
             }
             assert_eq!(model.ruled_out_because(ID).is_some(), none, "{share_of_it}");

@@ -5,8 +5,8 @@
 
 use super::arrival::{Arrival, Over};
 use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints,
-    Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
+    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -31,9 +31,18 @@ impl Interval {
     fn of(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
         let rate = std::f64::consts::TAU * bandwidth_hz;
         let one = |value: f64| DVector::from_element(1, value);
-        let lag = ContinuousSystem { a: DMatrix::from_element(1, 1, -rate), b: one(rate), c: one(1.0), d: 0.0 };
+        let lag = ContinuousSystem {
+            a: DMatrix::from_element(1, 1, -rate),
+            b: one(rate),
+            c: one(1.0),
+            d: 0.0,
+        };
         let Over { start, end, .. } = arrival.over(&lag, dt_s);
-        Self { left: (-rate * dt_s).exp(), by_start: start[0], by_end: end[0] }
+        Self {
+            left: (-rate * dt_s).exp(),
+            by_start: start[0],
+            by_end: end[0],
+        }
     }
 
     #[inline]
@@ -55,15 +64,30 @@ impl Stage for SensorLag {
         self.reading
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let Interval { left, by_start, by_end } = self.interval;
-        Some(vec![Block::Linear(Linear::reading_states(vec![vec![left]], vec![by_start], vec![by_end], &[1.0], 0.0, vec![1.0]))])
+        let Interval {
+            left,
+            by_start,
+            by_end,
+        } = self.interval;
+        Some(vec![Block::Linear(Linear::reading_states(
+            vec![vec![left]],
+            vec![by_start],
+            vec![by_end],
+            &[1.0],
+            0.0,
+            vec![1.0],
+        ))])
     }
     fn settle(&mut self, input: f64) -> f64 {
         (self.reading, self.before) = (input, input);
         input
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        Some(Box::new(LagLanes { interval: self.interval, readings: vec![0.0; lanes], before: vec![0.0; lanes] }))
+        Some(Box::new(LagLanes {
+            interval: self.interval,
+            readings: vec![0.0; lanes],
+            before: vec![0.0; lanes],
+        }))
     }
 }
 
@@ -80,7 +104,9 @@ impl LinearLanes for LagLanes {
     }
     fn run(&mut self, block: &mut [f64]) {
         for row in block.chunks_exact_mut(self.readings.len()) {
-            for ((value, reading), before) in row.iter_mut().zip(&mut self.readings).zip(&mut self.before) {
+            for ((value, reading), before) in
+                row.iter_mut().zip(&mut self.readings).zip(&mut self.before)
+            {
                 *reading = self.interval.step(*reading, *before, *value);
                 *before = *value;
                 *value = *reading;
@@ -111,16 +137,28 @@ impl Physics for SensorBandwidth {
         model.effect(super::vibration::ID).is_some()
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         if model.effect(super::vibration::ID).is_some() {
             return None;
         }
         let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
-        Some(Box::new(SensorLag { interval, before: 0.0, reading: 0.0 }))
+        Some(Box::new(SensorLag {
+            interval,
+            before: 0.0,
+            reading: 0.0,
+        }))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        vec![FreeMotion { decay_per_s: std::f64::consts::TAU * values[0], frequency_rad_s: 0.0 }]
+        vec![FreeMotion {
+            decay_per_s: std::f64::consts::TAU * values[0],
+            frequency_rad_s: 0.0,
+        }]
     }
 }
 
@@ -128,8 +166,13 @@ impl Estimation for SensorBandwidth {}
 
 impl SearchHints for SensorBandwidth {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview.sensor_bandwidth_hz.map(|bandwidth_hz| vec![bandwidth_hz]);
-        by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
+        let by_data_sheet = overview
+            .sensor_bandwidth_hz
+            .map(|bandwidth_hz| vec![bandwidth_hz]);
+        by_data_sheet
+            .into_iter()
+            .chain(super::lag_starts(overview))
+            .collect()
     }
 }
 
@@ -139,12 +182,20 @@ impl Presentation for SensorBandwidth {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
 impl SyntheticCases for SensorBandwidth {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![2500.0 / strength.max(0.01)])
     }
 }
@@ -156,7 +207,12 @@ mod tests {
 
     /// The reading after a step through mode and sensor, by Euler's method in a hundred-thousandth of the
     /// period.
-    fn by_euler(natural_frequency_rad_s: f64, damping_ratio: f64, bandwidth_hz: f64, until_s: f64) -> f64 {
+    fn by_euler(
+        natural_frequency_rad_s: f64,
+        damping_ratio: f64,
+        bandwidth_hz: f64,
+        until_s: f64,
+    ) -> f64 {
         let (w, steps) = (natural_frequency_rad_s, 400_000);
         let h = until_s / f64::from(steps);
         let (mut x, mut v, mut reading) = (0.0, 0.0, 0.0);
@@ -172,14 +228,26 @@ mod tests {
     #[test]
     fn mode_and_sensor_are_exact_in_fast_and_slow_records() {
         let (mut model, overview) = (Model::new(0.0, 1.0), Overview::without_data(0.0, 1.0));
-        model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[3000.0, 0.25]));
-        model.add(EffectInstance::new(by_id("sensor_bandwidth").unwrap(), &overview, &[800.0]));
+        model.add(EffectInstance::new(
+            by_id("vibration").unwrap(),
+            &overview,
+            &[3000.0, 0.25],
+        ));
+        model.add(EffectInstance::new(
+            by_id("sensor_bandwidth").unwrap(),
+            &overview,
+            &[800.0],
+        ));
         for dt_s in [5e-5, 5e-4, 5e-3] {
             let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = model.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(3000.0, 0.25, 800.0, k as f64 * dt_s);
-                assert!((reading[k] - expected).abs() < 3e-4, "{dt_s} {k}: {} {expected}", reading[k]);
+                assert!(
+                    (reading[k] - expected).abs() < 3e-4,
+                    "{dt_s} {k}: {} {expected}",
+                    reading[k]
+                );
             }
         }
     }

@@ -11,8 +11,8 @@
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
 use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints,
-    Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
+    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -31,7 +31,9 @@ pub struct SensorFilter;
 pub(super) fn taken_in_by_modes(model: &Model) -> Option<[f64; 2]> {
     model.effect(super::vibration::ID)?;
     let values = model.values(ID)?;
-    super::friction::Bristle::of(model).is_none().then(|| [values[0], values[1]])
+    super::friction::Bristle::of(model)
+        .is_none()
+        .then(|| [values[0], values[1]])
 }
 
 /// A filter with that damping ratio or less would ring for several periods: nobody builds it.
@@ -47,7 +49,12 @@ struct Interval {
 
 impl Interval {
     /// `arrival`: how its input goes inside the interval; where it is that of a mass, straight.
-    fn new(natural_frequency_hz: f64, damping_ratio: f64, dt_s: f64, arrival: Option<Arrival>) -> Self {
+    fn new(
+        natural_frequency_hz: f64,
+        damping_ratio: f64,
+        dt_s: f64,
+        arrival: Option<Arrival>,
+    ) -> Self {
         let w = TAU * natural_frequency_hz;
         let system = ContinuousSystem {
             a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * damping_ratio * w]),
@@ -57,15 +64,28 @@ impl Interval {
         };
         let straight = || {
             let (phi, held, slope) = system.straight_matrices(dt_s);
-            Over { phi, start: held - &slope, end: slope }
+            Over {
+                phi,
+                start: held - &slope,
+                end: slope,
+            }
         };
-        let Over { phi, start, end } = arrival.map_or_else(straight, |arrival| arrival.over(&system, dt_s));
-        Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], at_start: [start[0], start[1]], at_end: [end[0], end[1]] }
+        let Over { phi, start, end } =
+            arrival.map_or_else(straight, |arrival| arrival.over(&system, dt_s));
+        Self {
+            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
+            at_start: [start[0], start[1]],
+            at_end: [end[0], end[1]],
+        }
     }
 
     #[inline]
     fn step(&self, [reading, rate]: [f64; 2], before: f64, input: f64) -> [f64; 2] {
-        let Self { phi, at_start, at_end } = self;
+        let Self {
+            phi,
+            at_start,
+            at_end,
+        } = self;
         [
             phi[0] * reading + phi[1] * rate + (at_start[0] * before + at_end[0] * input),
             phi[2] * reading + phi[3] * rate + (at_start[1] * before + at_end[1] * input),
@@ -75,7 +95,10 @@ impl Interval {
 
 /// Whether what the filter reads is the motion of a mass.
 fn has_inertia(model: &Model) -> bool {
-    model.effects.iter().any(|e| e.effect.declaration().place == Place::Vibration)
+    model
+        .effects
+        .iter()
+        .any(|e| e.effect.declaration().place == Place::Vibration)
 }
 
 struct FilterStage {
@@ -91,16 +114,31 @@ impl Stage for FilterStage {
         self.state[0]
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let Interval { phi, at_start, at_end } = self.interval;
+        let Interval {
+            phi,
+            at_start,
+            at_end,
+        } = self.interval;
         let phi = vec![phi[..2].to_vec(), phi[2..].to_vec()];
-        Some(vec![Block::Linear(Linear::reading_states(phi, at_start.to_vec(), at_end.to_vec(), &[1.0, 0.0], 0.0, vec![1.0, 0.0]))])
+        Some(vec![Block::Linear(Linear::reading_states(
+            phi,
+            at_start.to_vec(),
+            at_end.to_vec(),
+            &[1.0, 0.0],
+            0.0,
+            vec![1.0, 0.0],
+        ))])
     }
     fn settle(&mut self, input: f64) -> f64 {
         (self.state, self.before) = ([input, 0.0], input);
         input
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        Some(Box::new(FilterLanes { interval: self.interval, states: vec![[0.0; 2]; lanes], before: vec![0.0; lanes] }))
+        Some(Box::new(FilterLanes {
+            interval: self.interval,
+            states: vec![[0.0; 2]; lanes],
+            before: vec![0.0; lanes],
+        }))
     }
 }
 
@@ -112,12 +150,17 @@ struct FilterLanes {
 
 impl LinearLanes for FilterLanes {
     fn settle(&mut self, row: &mut [f64]) {
-        self.states.iter_mut().zip(&*row).for_each(|(state, input)| *state = [*input, 0.0]);
+        self.states
+            .iter_mut()
+            .zip(&*row)
+            .for_each(|(state, input)| *state = [*input, 0.0]);
         self.before.copy_from_slice(row);
     }
     fn run(&mut self, block: &mut [f64]) {
         for row in block.chunks_exact_mut(self.before.len()) {
-            for ((value, state), before) in row.iter_mut().zip(&mut self.states).zip(&mut self.before) {
+            for ((value, state), before) in
+                row.iter_mut().zip(&mut self.states).zip(&mut self.before)
+            {
                 *state = self.interval.step(*state, *before, *value);
                 *before = *value;
                 *value = state[0];
@@ -144,20 +187,34 @@ impl Physics for SensorFilter {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest_hz = 0.5 * overview.sample_rate_max_hz;
         vec![
-            Parameter::logarithmic("natural_frequency_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, highest_hz),
+            Parameter::logarithmic(
+                "natural_frequency_hz",
+                "Hz",
+                1e-4 * overview.sample_rate_max_hz,
+                highest_hz,
+            ),
             // With less it would be a mode, which nobody builds into a sensor; with more its two poles part,
             // and the slower one alone is a bandwidth of the sensor.
             Parameter::logarithmic("damping_ratio", "1", DESIGNED_DAMPING_MIN, 1.0),
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         if taken_in_by_modes(model).is_some() {
             return None;
         }
         let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting));
         let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
-        Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
+        Some(Box::new(FilterStage {
+            interval,
+            state: [0.0; 2],
+            before: 0.0,
+        }))
     }
 
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
@@ -189,7 +246,11 @@ impl SearchHints for SensorFilter {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let by_data_sheet = overview.sensor_bandwidth_hz;
         let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
-        by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
+        by_data_sheet
+            .into_iter()
+            .chain(elsewhere)
+            .map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2])
+            .collect()
     }
 }
 
@@ -200,12 +261,20 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
 impl SyntheticCases for SensorFilter {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
     }
 }
@@ -223,7 +292,11 @@ mod tests {
         for (id, values) in chain {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
-        model.add(EffectInstance::new(Arc::new(SensorFilter), &overview, &[frequency_hz, damping_ratio]));
+        model.add(EffectInstance::new(
+            Arc::new(SensorFilter),
+            &overview,
+            &[frequency_hz, damping_ratio],
+        ));
         model
     }
 
@@ -238,7 +311,9 @@ mod tests {
         let damped = (1.0 - xi * xi).sqrt();
         for (k, y) in reading.iter().enumerate() {
             let t = k as f64 * dt_s;
-            let expected = 1.0 - (-xi * w * t).exp() * ((w * damped * t).cos() + xi / damped * (w * damped * t).sin());
+            let expected = 1.0
+                - (-xi * w * t).exp()
+                    * ((w * damped * t).cos() + xi / damped * (w * damped * t).sin());
             assert!((y - expected).abs() < 1e-9, "{k}: {y} {expected}");
         }
     }
@@ -247,13 +322,20 @@ mod tests {
     #[test]
     fn behind_a_mode_it_follows_the_motion_inside_a_period() {
         let (frequency_hz, xi, w) = (1500.0, 0.7, 3000.0);
-        let filtered = model(&[("gain", &[1.0]), ("vibration", &[w, 0.25])], frequency_hz, xi);
+        let filtered = model(
+            &[("gain", &[1.0]), ("vibration", &[w, 0.25])],
+            frequency_hz,
+            xi,
+        );
         let by_euler = |until_s: f64| {
             let (wf, steps) = (TAU * frequency_hz, 400_000);
             let h = until_s / f64::from(steps);
             let (mut x, mut v, mut y, mut rate) = (0.0, 0.0, 0.0, 0.0);
             for _ in 0..steps {
-                let (force, drag) = (w * w * (1.0 - x) - 0.5 * w * v, wf * wf * (x - y) - 2.0 * xi * wf * rate);
+                let (force, drag) = (
+                    w * w * (1.0 - x) - 0.5 * w * v,
+                    wf * wf * (x - y) - 2.0 * xi * wf * rate,
+                );
                 x += h * v;
                 v += h * force;
                 y += h * rate;
@@ -266,7 +348,11 @@ mod tests {
             let reading = filtered.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(k as f64 * dt_s);
-                assert!((reading[k] - expected).abs() < 3e-4, "{dt_s} {k}: {} {expected}", reading[k]);
+                assert!(
+                    (reading[k] - expected).abs() < 3e-4,
+                    "{dt_s} {k}: {} {expected}",
+                    reading[k]
+                );
             }
         }
     }
@@ -277,15 +363,27 @@ mod tests {
     #[test]
     fn a_held_drive_reads_alike_in_slow_and_fast_records() {
         let mode: (&str, &[f64]) = ("vibration", &[2387.6, 0.02]);
-        let beside: [&[(&str, &[f64])]; 3] = [&[], &[("second_mode", &[0.1, 5600.0, 0.02])], &[("sensor_bandwidth", &[700.0])]];
+        let beside: [&[(&str, &[f64])]; 3] = [
+            &[],
+            &[("second_mode", &[0.1, 5600.0, 0.02])],
+            &[("sensor_bandwidth", &[700.0])],
+        ];
         for more in beside {
             let model = model(&[&[("gain", &[1.0][..]), mode], more].concat(), 1500.0, 0.7);
-            let slow: Vec<f64> = (0..40).map(|k| f64::from(u8::from(k > 3)) - 0.5 * f64::from(u8::from(k > 20))).collect();
+            let slow: Vec<f64> = (0..40)
+                .map(|k| f64::from(u8::from(k > 3)) - 0.5 * f64::from(u8::from(k > 20)))
+                .collect();
             let fast: Vec<f64> = slow.iter().flat_map(|v| [*v; 100]).collect();
-            let read = |drive_v: &[f64], dt_s: f64| model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin));
+            let read = |drive_v: &[f64], dt_s: f64| {
+                model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin))
+            };
             let (slowly, quickly) = (read(&slow, 5e-3), read(&fast, 5e-5));
             for (k, y) in slowly.iter().enumerate() {
-                assert!((y - quickly[100 * k]).abs() < 1e-9, "{more:?} {k}: {y} {}", quickly[100 * k]);
+                assert!(
+                    (y - quickly[100 * k]).abs() < 1e-9,
+                    "{more:?} {k}: {y} {}",
+                    quickly[100 * k]
+                );
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Nonlinear sensor: its reading is a bent function of the displacement, the same on every branch.
 
 use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
+    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -20,7 +20,10 @@ impl Stage for PolynomialStage {
         input * (1.0 + input * (self.quadratic + input * self.cubic))
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Bend { quadratic: self.quadratic, cubic: self.cubic }])
+        Some(vec![Block::Bend {
+            quadratic: self.quadratic,
+            cubic: self.cubic,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -47,8 +50,20 @@ impl Physics for SensorNonlinearity {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         vec![
-            Parameter::linear("quadratic_per_um", "1/um", -0.3 / range, 0.3 / range, 1e-3 / range),
-            Parameter::linear("cubic_per_um2", "1/um^2", -0.3 / (range * range), 0.3 / (range * range), 1e-3 / (range * range)),
+            Parameter::linear(
+                "quadratic_per_um",
+                "1/um",
+                -0.3 / range,
+                0.3 / range,
+                1e-3 / range,
+            ),
+            Parameter::linear(
+                "cubic_per_um2",
+                "1/um^2",
+                -0.3 / (range * range),
+                0.3 / (range * range),
+                1e-3 / (range * range),
+            ),
         ]
     }
 
@@ -56,8 +71,16 @@ impl Physics for SensorNonlinearity {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(PolynomialStage {
+            quadratic: values[0],
+            cubic: values[1],
+        }))
     }
 }
 
@@ -92,7 +115,12 @@ impl SyntheticCases for SensorNonlinearity {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![0.0016 * strength, 0.000_24 * strength])
     }
 }

@@ -1,8 +1,8 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
-    Stage, SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -25,19 +25,30 @@ impl Stage for SlewStage {
         let size = away.abs();
         let start = self.voltage_v;
         let arrives = size <= self.step_max_v;
-        self.voltage_v = if arrives { input } else { start + away.signum() * self.step_max_v };
+        self.voltage_v = if arrives {
+            input
+        } else {
+            start + away.signum() * self.step_max_v
+        };
         if !self.gives_mean {
             self.voltage_v
         } else if arrives {
             // Mean over the interval of a ramp that arrives after the fraction size / step_max.
-            let ramp = if self.step_max_v > 0.0 { size / self.step_max_v } else { 1.0 };
+            let ramp = if self.step_max_v > 0.0 {
+                size / self.step_max_v
+            } else {
+                1.0
+            };
             input - away * 0.5 * ramp
         } else {
             0.5 * (start + self.voltage_v)
         }
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Slope { most: self.step_max_v, gives_mean: self.gives_mean }])
+        Some(vec![Block::Slope {
+            most: self.step_max_v,
+            gives_mean: self.gives_mean,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.voltage_v = input;
@@ -49,7 +60,9 @@ impl Physics for SlewLimit {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "The amplifier's current limit clamps how fast the voltage on the piezo can change.".into(),
+            physics:
+                "The amplifier's current limit clamps how fast the voltage on the piezo can change."
+                    .into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
             place: Place::AmplifierSlew,
             modifies: None,
@@ -60,12 +73,26 @@ impl Physics for SlewLimit {
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::logarithmic("slew_v_s", "V/s", 1.0, 20.0 * overview.slope_max_v_s.max(1.0))]
+        vec![Parameter::logarithmic(
+            "slew_v_s",
+            "V/s",
+            1.0,
+            20.0 * overview.slope_max_v_s.max(1.0),
+        )]
     }
 
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         let gives_mean = !setting.runs_straight && super::takes_the_mean_in(model);
-        Some(Box::new(SlewStage { step_max_v: values[0] * setting.dt_s, voltage_v: model.drive_min_v, gives_mean }))
+        Some(Box::new(SlewStage {
+            step_max_v: values[0] * setting.dt_s,
+            voltage_v: model.drive_min_v,
+            gives_mean,
+        }))
     }
 
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
@@ -77,7 +104,10 @@ impl Estimation for SlewLimit {}
 
 impl SearchHints for SlewLimit {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03].iter().map(|share| vec![share * overview.slope_max_v_s.max(1.0)]).collect()
+        [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03]
+            .iter()
+            .map(|share| vec![share * overview.slope_max_v_s.max(1.0)])
+            .collect()
     }
 }
 
@@ -90,12 +120,20 @@ model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where i
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
+        Picture {
+            against: Against::Rate,
+            caption: "An error that grows with the rate of the drive and changes sign with it.",
+        }
     }
 }
 
 impl SyntheticCases for SlewLimit {
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![8500.0 / strength.max(0.01)])
     }
 }
@@ -117,7 +155,9 @@ mod tests {
     }
 
     fn drive_v(dt_s: f64) -> Vec<f64> {
-        (0..2000).map(|k| 40.0 - 35.0 * (std::f64::consts::TAU * 60.0 * f64::from(k) * dt_s).cos()).collect()
+        (0..2000)
+            .map(|k| 40.0 - 35.0 * (std::f64::consts::TAU * 60.0 * f64::from(k) * dt_s).cos())
+            .collect()
     }
 
     #[test]
@@ -136,8 +176,16 @@ mod tests {
             at_the_limit += usize::from((drive_v[k - 1] - limited_v).abs() > step_v);
             limited_v += (drive_v[k - 1] - limited_v).clamp(-step_v, step_v);
             lagging_v = drive_v[k - 1] + (lagging_v - drive_v[k - 1]) * remains;
-            assert!((slew[k] - 0.1 * limited_v).abs() < 1e-9, "{k}: {} um", slew[k] - 0.1 * limited_v);
-            assert!((lag[k] - 0.1 * lagging_v).abs() < 1e-9, "{k}: {} um", lag[k] - 0.1 * lagging_v);
+            assert!(
+                (slew[k] - 0.1 * limited_v).abs() < 1e-9,
+                "{k}: {} um",
+                slew[k] - 0.1 * limited_v
+            );
+            assert!(
+                (lag[k] - 0.1 * lagging_v).abs() < 1e-9,
+                "{k}: {} um",
+                lag[k] - 0.1 * lagging_v
+            );
         }
         assert!(at_the_limit > 500, "{at_the_limit}");
     }

@@ -1,8 +1,9 @@
 //! Thermal drift: the mechanics warm up after switching on and move without any cause in the drive.
 
 use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, PassedOn,
+    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
+    SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -24,11 +25,18 @@ impl Stage for DriftStage {
         let slowed = self.slowing_per_interval * intervals;
         // At a rate that does not change it is a straight line, with which the exponential agrees to rounding
         // here.
-        let at_full_rate = if slowed.abs() < 1e-9 { intervals } else { -(-slowed).exp_m1() / self.slowing_per_interval };
+        let at_full_rate = if slowed.abs() < 1e-9 {
+            intervals
+        } else {
+            -(-slowed).exp_m1() / self.slowing_per_interval
+        };
         input + self.rate_um_per_interval * at_full_rate
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Drift { rate: self.rate_um_per_interval, slowing: self.slowing_per_interval }])
+        Some(vec![Block::Drift {
+            rate: self.rate_um_per_interval,
+            slowing: self.slowing_per_interval,
+        }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         input
@@ -42,7 +50,9 @@ impl Physics for ThermalDrift {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Warming of stage or sensor moves the reading slowly, whatever the drive does.".into(),
+            physics:
+                "Warming of stage or sensor moves the reading slowly, whatever the drive does."
+                    .into(),
             reference: "Fleming and Leang (2014), Ch. 1".into(),
             place: Place::Drift,
             modifies: None,
@@ -55,11 +65,23 @@ impl Physics for ThermalDrift {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let rate_um_s = overview.range_um.max(1e-6) / overview.duration_s;
         vec![
-            Parameter::linear("rate_um_s", "um/s", -500.0 * rate_um_s, 500.0 * rate_um_s, 1e-3 * rate_um_s),
+            Parameter::linear(
+                "rate_um_s",
+                "um/s",
+                -500.0 * rate_um_s,
+                500.0 * rate_um_s,
+                1e-3 * rate_um_s,
+            ),
             // Below zero the drift speeds up, as it does while the source of heat still warms up. About zero
             // it is a straight line: amplitude and time constant, both without limit there, would be known
             // badly each.
-            Parameter::linear("slowing_per_s", "1/s", -4.0 / overview.duration_s, 50.0 / overview.duration_s, 0.02 / overview.duration_s),
+            Parameter::linear(
+                "slowing_per_s",
+                "1/s",
+                -4.0 / overview.duration_s,
+                50.0 / overview.duration_s,
+                0.02 / overview.duration_s,
+            ),
         ]
     }
 
@@ -67,14 +89,25 @@ impl Physics for ThermalDrift {
         true
     }
 
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(DriftStage {
+            rate_um_per_interval: values[0] * setting.dt_s,
+            slowing_per_interval: values[1] * setting.dt_s,
+        }))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         // How warm the stage is when a record begins is as little known as its loops: each such record drifts
         // by an amount of its own.
-        vec![FreeMotion { decay_per_s: values[1], frequency_rad_s: 0.0 }]
+        vec![FreeMotion {
+            decay_per_s: values[1],
+            frequency_rad_s: 0.0,
+        }]
     }
 }
 
@@ -98,7 +131,10 @@ impl Presentation for ThermalDrift {
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
+        Picture {
+            against: Against::Time,
+            caption: "An error that goes its own way in time, whatever the drive does.",
+        }
     }
 }
 
@@ -107,7 +143,12 @@ impl SyntheticCases for ThermalDrift {
         Planted::InPairs
     }
 
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        strength: f64,
+        _stage: &SimulatedStage,
+        random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));
         Some(vec![-0.03 * strength * slowing_per_s, slowing_per_s])
     }
@@ -124,13 +165,20 @@ mod tests {
         let dt_s = 1e-3;
         for (rate_um_s, slowing_per_s) in [(0.05, 0.5), (-0.02, 0.0), (0.01, -0.3), (0.03, 1e-13)] {
             let mut model = Model::new(0.0, 1.0);
-            model.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &overview, &[rate_um_s, slowing_per_s]));
+            model.add(EffectInstance::new(
+                by_id("thermal_drift").unwrap(),
+                &overview,
+                &[rate_um_s, slowing_per_s],
+            ));
             let drive = Drive::held(&[0.0; 3000], dt_s, InitialState::Settled);
             let read_um = model.simulate(&drive);
             // Summed in a hundred pieces of an interval.
             let mut sum_um = 0.0;
             for (k, read_um) in read_um.iter().enumerate() {
-                assert!((read_um - sum_um).abs() < 1e-9, "{rate_um_s} {slowing_per_s} {k}: {read_um} {sum_um}");
+                assert!(
+                    (read_um - sum_um).abs() < 1e-9,
+                    "{rate_um_s} {slowing_per_s} {k}: {read_um} {sum_um}"
+                );
                 for piece in 0..100 {
                     let middle_s = (k as f64 + (f64::from(piece) + 0.5) / 100.0) * dt_s;
                     sum_um += rate_um_s * (-slowing_per_s * middle_s).exp() * dt_s / 100.0;

@@ -14,8 +14,8 @@
 //! adds it.
 
 use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, Stage,
-    SyntheticCases,
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
@@ -58,7 +58,14 @@ impl TwoSidedMemory {
             powers
         };
         let virgin_share = values.first().copied().unwrap_or(MIDDLE);
-        Some(Self { surfaces: surfaces.clone(), virgin_share, stays_um: [stays(1), stays(1 + TERMS)], zero, highest: zero, lowest: zero })
+        Some(Self {
+            surfaces: surfaces.clone(),
+            virgin_share,
+            stays_um: [stays(1), stays(1 + TERMS)],
+            zero,
+            highest: zero,
+            lowest: zero,
+        })
     }
 
     /// What the virgin operators between these extremes weigh, um.
@@ -72,10 +79,12 @@ impl TwoSidedMemory {
         // Beyond the limits nothing is virgin.
         self.highest = self.highest.max(x.min(1.0));
         self.lowest = self.lowest.min(x.max(0.0));
-        let virgin_um = self.virgin_um(self.highest, self.lowest) - self.virgin_um(self.zero, self.zero);
+        let virgin_um =
+            self.virgin_um(self.highest, self.lowest) - self.virgin_um(self.zero, self.zero);
         let up = (self.highest - self.zero) / (1.0 - self.zero).max(1e-12);
         let down = (self.zero - self.lowest) / self.zero.max(1e-12);
-        self.virgin_share * virgin_um + horner(&self.stays_um[0], up) - horner(&self.stays_um[1], down)
+        self.virgin_share * virgin_um + horner(&self.stays_um[0], up)
+            - horner(&self.stays_um[1], down)
     }
 
     /// The highest input so far, or the lowest.
@@ -100,14 +109,21 @@ impl Physics for TwoSided {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        let stays = |name: &str, k: usize| Parameter::linear(format!("{name}_{k}_um"), "um", -1e6, 1e6, step);
+        let stays = |name: &str, k: usize| {
+            Parameter::linear(format!("{name}_{k}_um"), "um", -1e6, 1e6, step)
+        };
         std::iter::once(Parameter::linear("virgin_share", "1", 0.0, 1.0, 0.02))
             .chain((0..TERMS).map(|k| stays("rise", k)))
             .chain((0..TERMS).map(|k| stays("fall", k)))
             .collect()
     }
 
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        _model: &Model,
+        _values: &[f64],
+        _setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
@@ -124,8 +140,13 @@ impl SearchHints for TwoSided {
     }
 
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        let alone = [super::bipolar::ID, super::initial_curve::ID].iter().all(|id| model.effect(id).is_none());
-        alone && model.effect(super::hysteresis::ID).is_some() && overview.drive_min_v < 0.0 && overview.drive_max_v > 0.0
+        let alone = [super::bipolar::ID, super::initial_curve::ID]
+            .iter()
+            .all(|id| model.effect(id).is_none());
+        alone
+            && model.effect(super::hysteresis::ID).is_some()
+            && overview.drive_min_v < 0.0
+            && overview.drive_max_v > 0.0
     }
 }
 
@@ -164,9 +185,16 @@ mod tests {
     }
 
     fn model(virgin_share: f64) -> Model {
-        let overview = Overview { range_um: 10.0, ..Overview::without_data(-40.0, 40.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            ..Overview::without_data(-40.0, 40.0)
+        };
         let mut model = Model::new(-40.0, 40.0);
-        model.add(EffectInstance::new(by_id("hysteresis").unwrap().with_parameters(6).unwrap(), &overview, &LOOPS));
+        model.add(EffectInstance::new(
+            by_id("hysteresis").unwrap().with_parameters(6).unwrap(),
+            &overview,
+            &LOOPS,
+        ));
         let values: Vec<f64> = std::iter::once(virgin_share).chain(STAYS).collect();
         model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
         model
@@ -196,13 +224,23 @@ mod tests {
             let n = LEVELS as i32;
             let surfaces = surfaces();
             let at = |level: i32| f64::from(level + n) / f64::from(2 * n);
-            let g = |up: i32, down: i32| if up > down { surfaces.loop_loss(at(up), at(down)) } else { 0.0 };
+            let g = |up: i32, down: i32| {
+                if up > down {
+                    surfaces.loop_loss(at(up), at(down))
+                } else {
+                    0.0
+                }
+            };
             let mut loops = Vec::new();
             for up in 1 - n..=n {
                 for down in -n..up {
                     // A cell of the triangle: the mixed difference of the surface.
-                    let weight =
-                        g(up, down) - g(up - 1, down) - g(up, down + 1) + if up - 1 > down + 1 { g(up - 1, down + 1) } else { 0.0 };
+                    let weight = g(up, down) - g(up - 1, down) - g(up, down + 1)
+                        + if up - 1 > down + 1 {
+                            g(up - 1, down + 1)
+                        } else {
+                            0.0
+                        };
                     let state = match (up > 0, down < 0) {
                         (true, true) => State::Virgin,
                         (true, false) => State::Down,
@@ -216,10 +254,22 @@ mod tests {
             let mut once = Vec::new();
             for k in 1..=n {
                 let (way, before) = (f64::from(k) / f64::from(n), f64::from(k - 1) / f64::from(n));
-                once.push((k, stays(way, &STAYS[..2]) - stays(before, &STAYS[..2]), State::Virgin));
-                once.push((-k, -(stays(way, &STAYS[2..]) - stays(before, &STAYS[2..])), State::Virgin));
+                once.push((
+                    k,
+                    stays(way, &STAYS[..2]) - stays(before, &STAYS[..2]),
+                    State::Virgin,
+                ));
+                once.push((
+                    -k,
+                    -(stays(way, &STAYS[2..]) - stays(before, &STAYS[2..])),
+                    State::Virgin,
+                ));
             }
-            Self { loops, once, virgin_share }
+            Self {
+                loops,
+                once,
+                virgin_share,
+            }
         }
 
         fn go_to(&mut self, level: i32) {
@@ -231,7 +281,9 @@ mod tests {
                 }
             }
             for (threshold, _, state) in &mut self.once {
-                if (*threshold > 0 && level >= *threshold) || (*threshold < 0 && level <= *threshold) {
+                if (*threshold > 0 && level >= *threshold)
+                    || (*threshold < 0 && level <= *threshold)
+                {
                     *state = State::Stayed;
                 }
             }
@@ -243,7 +295,13 @@ mod tests {
                 State::Virgin => self.virgin_share * weight,
                 _ => 0.0,
             });
-            loops.sum::<f64>() + self.once.iter().filter(|(_, _, state)| *state == State::Stayed).map(|(_, left, _)| left).sum::<f64>()
+            loops.sum::<f64>()
+                + self
+                    .once
+                    .iter()
+                    .filter(|(_, _, state)| *state == State::Stayed)
+                    .map(|(_, left, _)| left)
+                    .sum::<f64>()
         }
     }
 

@@ -6,8 +6,9 @@ use super::force_balance::{BalancedMass, forces_of};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, Resonance,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
+    Picture, Place, Presentation, Resonance, SearchHints, Setting, SimulatedStage, Stage,
+    SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -69,8 +70,17 @@ impl Within {
     #[inline]
     pub(super) fn risen<const LAGS: bool>(&self, end: Motion, by: f64) -> Motion {
         let displacement = end.displacement + self.rising[0] * by;
-        let reading = if LAGS { end.reading + self.rising[2] * by } else { displacement };
-        Motion { displacement, velocity: end.velocity + self.rising[1] * by, reading, before: end.before }
+        let reading = if LAGS {
+            end.reading + self.rising[2] * by
+        } else {
+            displacement
+        };
+        Motion {
+            displacement,
+            velocity: end.velocity + self.rising[1] * by,
+            reading,
+            before: end.before,
+        }
     }
 }
 
@@ -90,7 +100,12 @@ pub(super) struct Motion {
 impl Motion {
     /// At rest under a constant input.
     pub(super) fn settled(input: f64) -> Self {
-        Self { displacement: input, velocity: 0.0, reading: input, before: input }
+        Self {
+            displacement: input,
+            velocity: 0.0,
+            reading: input,
+            before: input,
+        }
     }
 
     /// The same behind another input.
@@ -114,9 +129,23 @@ impl FilterPropagator {
     /// Where the filter is at the end of an interval that began with this motion.
     #[inline]
     fn after(&self, from: Motion, [reading, rate]: [f64; 2], input: f64) -> [f64; 2] {
-        let Motion { displacement, velocity, reading: unfiltered, before } = from;
-        let states = [displacement, velocity, unfiltered, reading, rate, before, input];
-        self.rows.map(|row| row.iter().zip(states).map(|(c, x)| c * x).sum())
+        let Motion {
+            displacement,
+            velocity,
+            reading: unfiltered,
+            before,
+        } = from;
+        let states = [
+            displacement,
+            velocity,
+            unfiltered,
+            reading,
+            rate,
+            before,
+            input,
+        ];
+        self.rows
+            .map(|row| row.iter().zip(states).map(|(c, x)| c * x).sum())
     }
 }
 
@@ -145,22 +174,41 @@ impl ModeLaw {
     /// The mode over an interval in which its input arrives so.
     pub(super) fn over(&self, dt_s: f64, arrival: Arrival) -> Propagator {
         let Over { phi, start, end } = arrival.over(&self.system(), dt_s);
-        let sensor = |_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: end[2] };
+        let sensor = |_| SensorPropagator {
+            phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]],
+            gamma: end[2],
+        };
         Propagator {
             phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
             gamma: [end[0], end[1]],
             angle_rad: self.natural_frequency_rad_s * dt_s,
             sensor: self.sensor_bandwidth_hz.map(sensor),
-            start: ByStart { gamma: [start[0], start[1]], sensor_gamma: start[2] },
+            start: ByStart {
+                gamma: [start[0], start[1]],
+                sensor_gamma: start[2],
+            },
         }
     }
 
     /// The filter over such an interval.
     fn filter_over(&self, dt_s: f64, arrival: Arrival) -> Option<FilterPropagator> {
-        let Over { phi, start, end } = arrival.over(&self.system_with_filter(self.sensor_filter?), dt_s);
-        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
+        let Over { phi, start, end } =
+            arrival.over(&self.system_with_filter(self.sensor_filter?), dt_s);
+        let row = |i: usize| {
+            [
+                phi[(i, 0)],
+                phi[(i, 1)],
+                phi[(i, 2)],
+                phi[(i, 3)],
+                phi[(i, 4)],
+                start[i],
+                end[i],
+            ]
+        };
         // Without a lag what is read is the displacement, which stands in its own place.
-        Some(FilterPropagator { rows: [row(3), row(4)] })
+        Some(FilterPropagator {
+            rows: [row(3), row(4)],
+        })
     }
 
     /// The mode with what reads it, and the state that is read: displacement in um, velocity divided by
@@ -174,7 +222,15 @@ impl ModeLaw {
             return (system, 2);
         }
         let ContinuousSystem { a, b, c, d } = system;
-        (ContinuousSystem { a: a.remove_row(2).remove_column(2), b: b.remove_row(2), c: c.remove_row(2), d }, 0)
+        (
+            ContinuousSystem {
+                a: a.remove_row(2).remove_column(2),
+                b: b.remove_row(2),
+                c: c.remove_row(2),
+                d,
+            },
+            0,
+        )
     }
 
     /// The mode, the lag and a filter of this natural frequency, Hz, and damping ratio behind them.
@@ -184,10 +240,22 @@ impl ModeLaw {
         let mut with_filter = DMatrix::zeros(5, 5);
         with_filter.view_mut((0, 0), (3, 3)).copy_from(&a);
         with_filter[(3, 4)] = w;
-        with_filter[(4, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 })] = w;
+        with_filter[(
+            4,
+            if self.sensor_bandwidth_hz.is_some() {
+                2
+            } else {
+                0
+            },
+        )] = w;
         with_filter[(4, 3)] = -w;
         with_filter[(4, 4)] = -2.0 * damping_ratio * w;
-        ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 }
+        ContinuousSystem {
+            a: with_filter,
+            b: b.push(0.0).push(0.0),
+            c: DVector::zeros(5),
+            d: 0.0,
+        }
     }
 
     /// Displacement in um, velocity divided by omega, and the reading.
@@ -195,7 +263,21 @@ impl ModeLaw {
         let w = self.natural_frequency_rad_s;
         let lag_rad_s = std::f64::consts::TAU * self.sensor_bandwidth_hz.unwrap_or(0.0);
         ContinuousSystem {
-            a: DMatrix::from_row_slice(3, 3, &[0.0, w, 0.0, -w, -2.0 * self.damping_ratio * w, 0.0, lag_rad_s, 0.0, -lag_rad_s]),
+            a: DMatrix::from_row_slice(
+                3,
+                3,
+                &[
+                    0.0,
+                    w,
+                    0.0,
+                    -w,
+                    -2.0 * self.damping_ratio * w,
+                    0.0,
+                    lag_rad_s,
+                    0.0,
+                    -lag_rad_s,
+                ],
+            ),
             b: DVector::from_row_slice(&[0.0, w, 0.0]),
             c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
             d: 0.0,
@@ -206,7 +288,10 @@ impl ModeLaw {
     /// adds.
     pub(super) fn within(&self, dt_s: f64) -> Within {
         let (phi, held, slope) = self.system_with_mean(dt_s).straight_matrices(dt_s);
-        Within { mean: [phi[(3, 0)], phi[(3, 1)], held[3]], rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]) }
+        Within {
+            mean: [phi[(3, 0)], phi[(3, 1)], held[3]],
+            rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]),
+        }
     }
 
     /// What an input that arrives so makes of the mean displacement over an interval, of what it would make
@@ -240,31 +325,66 @@ impl Propagator {
     /// Where one interval ends at whose end the input is this.
     #[inline]
     pub(super) fn after(&self, from: Motion, input: f64) -> Motion {
-        if self.sensor.is_some() { self.after_as::<true, true>(from, input) } else { self.after_as::<true, false>(from, input) }
+        if self.sensor.is_some() {
+            self.after_as::<true, true>(from, input)
+        } else {
+            self.after_as::<true, false>(from, input)
+        }
     }
 
     /// The same for those who know whether the input before counts and whether a sensor lags behind:
     /// recursions that run over millions of intervals.
     #[inline]
-    pub(super) fn after_as<const STARTS: bool, const LAGS: bool>(&self, from: Motion, input: f64) -> Motion {
-        let Motion { displacement: x, velocity: v, reading, before } = from;
-        let forced = |by_input: f64, by_start: f64| if STARTS { by_input * input + by_start * before } else { by_input * input };
-        let displacement = self.phi[0] * x + self.phi[1] * v + forced(self.gamma[0], self.start.gamma[0]);
-        let velocity = self.phi[2] * x + self.phi[3] * v + forced(self.gamma[1], self.start.gamma[1]);
+    pub(super) fn after_as<const STARTS: bool, const LAGS: bool>(
+        &self,
+        from: Motion,
+        input: f64,
+    ) -> Motion {
+        let Motion {
+            displacement: x,
+            velocity: v,
+            reading,
+            before,
+        } = from;
+        let forced = |by_input: f64, by_start: f64| {
+            if STARTS {
+                by_input * input + by_start * before
+            } else {
+                by_input * input
+            }
+        };
+        let displacement =
+            self.phi[0] * x + self.phi[1] * v + forced(self.gamma[0], self.start.gamma[0]);
+        let velocity =
+            self.phi[2] * x + self.phi[3] * v + forced(self.gamma[1], self.start.gamma[1]);
         let reading = match &self.sensor {
             Some(SensorPropagator { phi, gamma }) if LAGS => {
                 phi[0] * x + phi[1] * v + phi[2] * reading + forced(*gamma, self.start.sensor_gamma)
             }
             _ => displacement,
         };
-        Motion { displacement, velocity, reading, before: input }
+        Motion {
+            displacement,
+            velocity,
+            reading,
+            before: input,
+        }
     }
 
     /// Where some intervals end in which the mode stays where it is and only the reading goes on.
     pub(super) fn after_rest(&self, from: Motion, intervals: usize) -> Motion {
-        let Motion { displacement, reading, .. } = from;
-        let left = self.sensor.map_or(0.0, |sensor| sensor.phi[2].powi(intervals as i32));
-        Motion { reading: displacement + (reading - displacement) * left, ..from }
+        let Motion {
+            displacement,
+            reading,
+            ..
+        } = from;
+        let left = self
+            .sensor
+            .map_or(0.0, |sensor| sensor.phi[2].powi(intervals as i32));
+        Motion {
+            reading: displacement + (reading - displacement) * left,
+            ..from
+        }
     }
 
     /// How far the mode would move in one interval at its present speed.
@@ -279,18 +399,32 @@ impl VibrationMode {
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
         Self::of(
-            ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None, sensor_filter: None }
-                .over(dt_s, Arrival::Late(0.0)),
+            ModeLaw {
+                natural_frequency_rad_s,
+                damping_ratio,
+                sensor_bandwidth_hz: None,
+                sensor_filter: None,
+            }
+            .over(dt_s, Arrival::Late(0.0)),
         )
     }
 
     fn of(propagator: Propagator) -> Self {
-        Self { propagator, motion: Motion::default(), filter: None }
+        Self {
+            propagator,
+            motion: Motion::default(),
+            filter: None,
+        }
     }
 
     /// A mode with what reads it.
     fn read(law: &ModeLaw, dt_s: f64, arrival: Arrival) -> Self {
-        Self { filter: law.filter_over(dt_s, arrival).map(|filter| (filter, [0.0; 2])), ..Self::of(law.over(dt_s, arrival)) }
+        Self {
+            filter: law
+                .filter_over(dt_s, arrival)
+                .map(|filter| (filter, [0.0; 2])),
+            ..Self::of(law.over(dt_s, arrival))
+        }
     }
 
     /// One interval; the displacement at its end.
@@ -334,15 +468,25 @@ impl VibrationMode {
     /// What is read: the displacement where no sensor lags behind it.
     #[must_use]
     pub fn reading(&self) -> f64 {
-        self.filter.map_or(self.motion.reading, |(_, [reading, _])| reading)
+        self.filter
+            .map_or(self.motion.reading, |(_, [reading, _])| reading)
     }
 
     /// The mode with what reads it, over its interval: displacement, velocity, lagging reading, and what the
     /// filter has.
     fn as_linear(&self) -> Linear {
-        let Propagator { phi, gamma, sensor, start, .. } = self.propagator;
+        let Propagator {
+            phi,
+            gamma,
+            sensor,
+            start,
+            ..
+        } = self.propagator;
         let mut rows = vec![vec![phi[0], phi[1], 0.0], vec![phi[2], phi[3], 0.0]];
-        let (mut starts, mut ends) = (vec![start.gamma[0], start.gamma[1]], vec![gamma[0], gamma[1]]);
+        let (mut starts, mut ends) = (
+            vec![start.gamma[0], start.gamma[1]],
+            vec![gamma[0], gamma[1]],
+        );
         // Without a lag the reading is the displacement.
         let (row, by_start, by_end) = match sensor {
             Some(SensorPropagator { phi, gamma }) => (phi.to_vec(), start.sensor_gamma, gamma),
@@ -415,7 +559,10 @@ impl VibrationStage {
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small
         // nonlinearity.
-        let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
+        let sensor_bandwidth_hz = model
+            .effect(ID)
+            .and_then(|_| model.values(super::sensor_bandwidth::ID))
+            .map(|v| v[0]);
         let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
         let arrival = Arrival::of(model, setting);
         let taken_in_s = super::delay::taken_in_s(model).filter(|_| !setting.runs_straight);
@@ -430,21 +577,45 @@ impl VibrationStage {
         let forces = forces_of(model, setting);
         let balanced = !forces.is_empty();
         let first = first_law.map(|first| match Bristle::of(model) {
-            _ if balanced => First::Balanced(BalancedMass::new(&first, forces, mass_factor, dt_s, arrival, model.drive_min_v)),
-            Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
+            _ if balanced => First::Balanced(BalancedMass::new(
+                &first,
+                forces,
+                mass_factor,
+                dt_s,
+                arrival,
+                model.drive_min_v,
+            )),
+            Some(bristle) => First::Held(Box::new(HeldMass::new(
+                bristle,
+                &first,
+                dt_s,
+                arrival,
+                model.drive_min_v,
+            ))),
             None => First::Free(Box::new(VibrationMode::read(&first, dt_s, arrival))),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], VibrationMode::read(&law(v[1], v[2]), dt_s, arrival)));
+        let second = model
+            .values(super::second_mode::ID)
+            .map(|v| (v[0], VibrationMode::read(&law(v[1], v[2]), dt_s, arrival)));
         let whole_interval = first_law.map(|first| VibrationMode::read(&first, dt_s, arrival));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
-        Self { first, second, late, whole_interval, by_held: None }
+        Self {
+            first,
+            second,
+            late,
+            whole_interval,
+            by_held: None,
+        }
     }
 
     /// Carries the second mode over its forces and lets it share what the first one reads.
     fn second_beside(&mut self, mut forces: Vec<f64>, by_first: &mut [f64]) {
         if let Some((share, second)) = &mut self.second {
             second.run_over(&mut forces);
-            by_first.iter_mut().zip(forces).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+            by_first
+                .iter_mut()
+                .zip(forces)
+                .for_each(|(value, by_second)| *value += *share * (by_second - *value));
         }
     }
 
@@ -480,7 +651,9 @@ impl Stage for VibrationStage {
     }
     fn run(&mut self, _from: usize, signal: &mut [f64]) {
         if !self.late.is_empty() {
-            signal.iter_mut().for_each(|value| *value = self.arrived(*value));
+            signal
+                .iter_mut()
+                .for_each(|value| *value = self.arrived(*value));
         }
         let forces = self.second.map(|_| signal.to_vec());
         match &mut self.first {
@@ -522,12 +695,19 @@ impl Stage for VibrationStage {
             Some(First::Held(_) | First::Balanced(_)) => return None,
             None => None,
         };
-        let second = self.second.as_ref().map(|(share, mode)| (*share, mode.as_linear()));
+        let second = self
+            .second
+            .as_ref()
+            .map(|(share, mode)| (*share, mode.as_linear()));
         let share = second.as_ref().map_or(0.0, |(share, _)| *share);
-        let mut parts: Vec<(f64, &Linear)> = first.iter().map(|first| (1.0 - share, first)).collect();
+        let mut parts: Vec<(f64, &Linear)> =
+            first.iter().map(|first| (1.0 - share, first)).collect();
         parts.extend(second.iter().map(|(share, second)| (*share, second)));
         let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
-        let late = (!self.late.is_empty()).then_some(Block::Delay { whole: self.late.len(), late_share: 0.0 });
+        let late = (!self.late.is_empty()).then_some(Block::Delay {
+            whole: self.late.len(),
+            late_share: 0.0,
+        });
         Some(late.into_iter().chain([Block::Linear(modes)]).collect())
     }
     fn settle(&mut self, input: f64) -> f64 {
@@ -552,7 +732,9 @@ impl Stage for VibrationStage {
         // those forces.
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
-            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
+            second: self
+                .second
+                .map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
             late: self.late.iter().map(|_| vec![0.0; lanes]).collect(),
         }))
     }
@@ -569,10 +751,24 @@ struct ModeLanes {
 }
 
 impl ModeLanes {
-    fn new(VibrationMode { propagator: mode, filter, .. }: VibrationMode, lanes: usize) -> Self {
+    fn new(
+        VibrationMode {
+            propagator: mode,
+            filter,
+            ..
+        }: VibrationMode,
+        lanes: usize,
+    ) -> Self {
         let zeros = || vec![0.0; lanes];
         let filter = filter.map(|(filter, _)| (filter, vec![[0.0; 2]; lanes]));
-        Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros(), filter }
+        Self {
+            mode,
+            displacement: zeros(),
+            velocity: zeros(),
+            reading: zeros(),
+            before: zeros(),
+            filter,
+        }
     }
 
     fn settle(&mut self, row: &[f64]) {
@@ -581,19 +777,33 @@ impl ModeLanes {
         self.reading.copy_from_slice(row);
         self.before.copy_from_slice(row);
         if let Some((_, states)) = &mut self.filter {
-            states.iter_mut().zip(row).for_each(|(state, input)| *state = [*input, 0.0]);
+            states
+                .iter_mut()
+                .zip(row)
+                .for_each(|(state, input)| *state = [*input, 0.0]);
         }
     }
 
     /// One interval; what is read is left in the place of the input.
     fn step(&mut self, row: &mut [f64]) {
-        let Propagator { phi, gamma, sensor, start, .. } = self.mode;
+        let Propagator {
+            phi,
+            gamma,
+            sensor,
+            start,
+            ..
+        } = self.mode;
         let lanes = row.len();
         let (x, v) = (&mut self.displacement[..lanes], &mut self.velocity[..lanes]);
         let (reading, before) = (&mut self.reading[..lanes], &mut self.before[..lanes]);
         if let Some((filter, states)) = &mut self.filter {
             for (i, state) in states.iter_mut().enumerate() {
-                let from = Motion { displacement: x[i], velocity: v[i], reading: reading[i], before: before[i] };
+                let from = Motion {
+                    displacement: x[i],
+                    velocity: v[i],
+                    reading: reading[i],
+                    before: before[i],
+                };
                 *state = filter.after(from, *state, row[i]);
             }
         }
@@ -612,7 +822,10 @@ impl ModeLanes {
             before[i] = u;
         }
         match &self.filter {
-            Some((_, states)) => row.iter_mut().zip(states).for_each(|(value, [filtered, _])| *value = *filtered),
+            Some((_, states)) => row
+                .iter_mut()
+                .zip(states)
+                .for_each(|(value, [filtered, _])| *value = *filtered),
             None => row.copy_from_slice(if sensor.is_some() { reading } else { x }),
         }
     }
@@ -627,13 +840,27 @@ struct VibrationLanes {
 
 impl LinearLanes for VibrationLanes {
     fn settle(&mut self, row: &mut [f64]) {
-        self.late.iter_mut().for_each(|values| values.copy_from_slice(row));
-        for mode in self.first.iter_mut().chain(self.second.iter_mut().map(|(_, mode)| mode)) {
+        self.late
+            .iter_mut()
+            .for_each(|values| values.copy_from_slice(row));
+        for mode in self
+            .first
+            .iter_mut()
+            .chain(self.second.iter_mut().map(|(_, mode)| mode))
+        {
             mode.settle(row);
         }
     }
     fn run(&mut self, block: &mut [f64]) {
-        let Some(lanes) = self.first.iter().chain(self.second.iter().map(|(_, mode)| mode)).map(|m| m.before.len()).next() else { return };
+        let Some(lanes) = self
+            .first
+            .iter()
+            .chain(self.second.iter().map(|(_, mode)| mode))
+            .map(|m| m.before.len())
+            .next()
+        else {
+            return;
+        };
         let mut forces = vec![0.0; lanes];
         for row in block.chunks_exact_mut(lanes) {
             if let Some(mut oldest) = self.late.pop_front() {
@@ -648,7 +875,9 @@ impl LinearLanes for VibrationLanes {
             }
             if let Some((share, second)) = &mut self.second {
                 second.step(&mut forces);
-                row.iter_mut().zip(&forces).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+                row.iter_mut()
+                    .zip(&forces)
+                    .for_each(|(value, by_second)| *value += *share * (by_second - *value));
             }
         }
     }
@@ -658,10 +887,18 @@ impl LinearLanes for VibrationLanes {
 pub(super) fn free_motions_of(natural_frequency_rad_s: f64, damping_ratio: f64) -> Vec<FreeMotion> {
     let (w, xi) = (natural_frequency_rad_s, damping_ratio);
     if xi < 1.0 {
-        return vec![FreeMotion { decay_per_s: xi * w, frequency_rad_s: w * (1.0 - xi * xi).sqrt() }];
+        return vec![FreeMotion {
+            decay_per_s: xi * w,
+            frequency_rad_s: w * (1.0 - xi * xi).sqrt(),
+        }];
     }
     let root = (xi * xi - 1.0).sqrt();
-    [xi - root, xi + root].map(|factor| FreeMotion { decay_per_s: factor * w, frequency_rad_s: 0.0 }).to_vec()
+    [xi - root, xi + root]
+        .map(|factor| FreeMotion {
+            decay_per_s: factor * w,
+            frequency_rad_s: 0.0,
+        })
+        .to_vec()
 }
 
 impl Physics for Vibration {
@@ -687,7 +924,12 @@ impl Physics for Vibration {
         ]
     }
 
-    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(
+        &self,
+        model: &Model,
+        _values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(VibrationStage::of(model, setting)))
     }
 
@@ -716,13 +958,21 @@ impl SearchHints for Vibration {
     }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
-        resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
+        resonances
+            .iter()
+            .map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio])
+            .collect()
     }
 
     fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
         // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names
         // of their own.
-        (values[1] > 1.0).then(|| format!("with a damping ratio of {:.2} it does not ring: it is two lags", values[1]))
+        (values[1] > 1.0).then(|| {
+            format!(
+                "with a damping ratio of {:.2} it does not ring: it is two lags",
+                values[1]
+            )
+        })
     }
 
     fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
@@ -746,12 +996,20 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
     }
 
     fn picture(&self) -> Picture {
-        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+        Picture {
+            against: Against::Frequency,
+            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        }
     }
 }
 
 impl SyntheticCases for Vibration {
-    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+    fn values_at(
+        &self,
+        _strength: f64,
+        stage: &SimulatedStage,
+        _random: &mut dyn FnMut() -> f64,
+    ) -> Option<Vec<f64>> {
         Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
     }
 }

@@ -36,7 +36,11 @@ impl DrivePath {
         let mut run = DriveRun::new(self, dt_s);
         let mut after_hysteresis: Vec<f64> = u.iter().map(|u| run.hysteresis(*u)).collect();
         let first = after_hysteresis.first().copied().unwrap_or(0.0);
-        let level = if rests_at_mean { after_hysteresis.iter().sum::<f64>() / after_hysteresis.len().max(1) as f64 } else { first };
+        let level = if rests_at_mean {
+            after_hysteresis.iter().sum::<f64>() / after_hysteresis.len().max(1) as f64
+        } else {
+            first
+        };
         run.rest_at(level, first);
         after_hysteresis.iter_mut().for_each(|x| *x = run.creep(*x));
         let before = after_hysteresis.first().copied().unwrap_or(0.0);
@@ -60,8 +64,16 @@ impl DriveRun {
     pub fn new(path: &DrivePath, dt_s: f64) -> Self {
         let periods = (path.delay_s / dt_s).max(0.0).floor() as usize;
         Self {
-            plays: path.plays.iter().map(|[threshold, weight]| (*threshold, *weight, 0.0)).collect(),
-            creep: path.creep.iter().map(|[share, tau_s]| (*share, (-dt_s / tau_s.max(1e-9)).exp(), 0.0)).collect(),
+            plays: path
+                .plays
+                .iter()
+                .map(|[threshold, weight]| (*threshold, *weight, 0.0))
+                .collect(),
+            creep: path
+                .creep
+                .iter()
+                .map(|[share, tau_s]| (*share, (-dt_s / tau_s.max(1e-9)).exp(), 0.0))
+                .collect(),
             history: vec![0.0; periods + 2],
             newest: 0,
         }
@@ -75,7 +87,9 @@ impl DriveRun {
     }
 
     fn rest_at(&mut self, level: f64, now: f64) {
-        self.creep.iter_mut().for_each(|(_, _, state)| *state = level);
+        self.creep
+            .iter_mut()
+            .for_each(|(_, _, state)| *state = level);
         self.history.fill(now);
     }
 
@@ -104,6 +118,9 @@ impl DriveRun {
         self.newest = (self.newest + 1) % length;
         self.history[self.newest] = x;
         // Of `periods + 2` places the oldest is the value before the one that the whole periods have brought.
-        Held { early: self.history[(self.newest + 1) % length], late: self.history[(self.newest + 2) % length] }
+        Held {
+            early: self.history[(self.newest + 1) % length],
+            late: self.history[(self.newest + 2) % length],
+        }
     }
 }

@@ -37,7 +37,14 @@ impl SensorPath {
     /// What it gives for a motion, a period after it gave `output` for `input`.
     #[must_use]
     pub fn after(&self, input: f64, output: f64, now: f64, dt_s: f64) -> f64 {
-        Lag::of(self, dt_s).map_or(now, |lag| Lag { input, output, ..lag }.step(now))
+        Lag::of(self, dt_s).map_or(now, |lag| {
+            Lag {
+                input,
+                output,
+                ..lag
+            }
+            .step(now)
+        })
     }
 }
 
@@ -71,7 +78,13 @@ impl ModalStage {
     /// What the drives give, for each drive sample by sample; `rests_at_mean` for a drive that has been
     /// repeated for long, whose creep has come to its mean.
     #[must_use]
-    pub fn drive_signal(&self, drive: usize, u: &[f64], dt_s: f64, rests_at_mean: bool) -> Vec<Held> {
+    pub fn drive_signal(
+        &self,
+        drive: usize,
+        u: &[f64],
+        dt_s: f64,
+        rests_at_mean: bool,
+    ) -> Vec<Held> {
         self.drives[drive].run(u, dt_s, rests_at_mean)
     }
 
@@ -80,12 +93,17 @@ impl ModalStage {
     pub fn mode_signal(&self, mode: usize, drives: &[&[Held]], dt_s: f64) -> Vec<f64> {
         let samples = drives.first().map_or(0, |signal| signal.len());
         let mut motion = ModalMotion::new(&self.modes[mode], &self.switching(dt_s), dt_s);
-        let mut held: Vec<Held> = drives.iter().map(|signal| signal.first().copied().unwrap_or_default()).collect();
+        let mut held: Vec<Held> = drives
+            .iter()
+            .map(|signal| signal.first().copied().unwrap_or_default())
+            .collect();
         motion.settle(&held);
         let mut out = Vec::with_capacity(samples);
         for k in 0..samples {
             out.push(motion.position());
-            held.iter_mut().zip(drives).for_each(|(now, signal)| *now = signal[k]);
+            held.iter_mut()
+                .zip(drives)
+                .for_each(|(now, signal)| *now = signal[k]);
             motion.step(&held);
         }
         out
@@ -93,20 +111,30 @@ impl ModalStage {
 
     /// The readings of a sensor from the motions of all modes and the signals of all drives.
     #[must_use]
-    pub fn reading(&self, sensor: usize, modes: &[&[f64]], drives: &[&[Held]], dt_s: f64) -> Vec<f64> {
+    pub fn reading(
+        &self,
+        sensor: usize,
+        modes: &[&[f64]],
+        drives: &[&[Held]],
+        dt_s: f64,
+    ) -> Vec<f64> {
         let samples = drives.first().map_or(0, |signal| signal.len());
         let mut out = vec![0.0; samples];
         for (mode, signal) in self.modes.iter().zip(modes) {
             let share = mode.of_sensors[sensor];
             if share != 0.0 {
-                out.iter_mut().zip(*signal).for_each(|(y, q)| *y += share * q);
+                out.iter_mut()
+                    .zip(*signal)
+                    .for_each(|(y, q)| *y += share * q);
             }
         }
         for (share, signal) in self.feedthrough[sensor].iter().zip(drives) {
             if *share != 0.0 {
                 // At a sample the drive of the period before it still acts.
                 let acting = signal.iter().take(1).chain(signal.iter());
-                out.iter_mut().zip(acting).for_each(|(y, held)| *y += share * held.late);
+                out.iter_mut()
+                    .zip(acting)
+                    .for_each(|(y, held)| *y += share * held.late);
             }
         }
         if let Some(mut lag) = Lag::of(&self.sensors[sensor], dt_s) {
@@ -119,25 +147,42 @@ impl ModalStage {
     /// All readings under drives, sensor by sensor.
     #[must_use]
     pub fn simulate(&self, u: &[Vec<f64>], dt_s: f64, rests_at_mean: bool) -> Vec<Vec<f64>> {
-        let drives: Vec<Vec<Held>> = u.iter().enumerate().map(|(j, u)| self.drive_signal(j, u, dt_s, rests_at_mean)).collect();
+        let drives: Vec<Vec<Held>> = u
+            .iter()
+            .enumerate()
+            .map(|(j, u)| self.drive_signal(j, u, dt_s, rests_at_mean))
+            .collect();
         let drives: Vec<&[Held]> = drives.iter().map(Vec::as_slice).collect();
-        let modes: Vec<Vec<f64>> = (0..self.modes.len()).map(|r| self.mode_signal(r, &drives, dt_s)).collect();
+        let modes: Vec<Vec<f64>> = (0..self.modes.len())
+            .map(|r| self.mode_signal(r, &drives, dt_s))
+            .collect();
         let modes: Vec<&[f64]> = modes.iter().map(Vec::as_slice).collect();
-        (0..self.sensors.len()).map(|i| self.reading(i, &modes, &drives, dt_s)).collect()
+        (0..self.sensors.len())
+            .map(|i| self.reading(i, &modes, &drives, dt_s))
+            .collect()
     }
 
     /// What each drive moves each sensor by at rest, without hysteresis and creep: sensors by drives.
     #[must_use]
     pub fn static_gain(&self) -> Vec<Vec<f64>> {
         let gain = |i: usize, j: usize| {
-            let of_modes: f64 = self.modes.iter().map(|mode| mode.of_sensors[i] * mode.of_drives[j]).sum();
+            let of_modes: f64 = self
+                .modes
+                .iter()
+                .map(|mode| mode.of_sensors[i] * mode.of_drives[j])
+                .sum();
             of_modes + self.feedthrough[i][j]
         };
-        (0..self.sensors.len()).map(|i| (0..self.drives.len()).map(|j| gain(i, j)).collect()).collect()
+        (0..self.sensors.len())
+            .map(|i| (0..self.drives.len()).map(|j| gain(i, j)).collect())
+            .collect()
     }
 
     fn switching(&self, dt_s: f64) -> Vec<f64> {
-        self.drives.iter().map(|path| path.switches_at(dt_s)).collect()
+        self.drives
+            .iter()
+            .map(|path| path.switches_at(dt_s))
+            .collect()
     }
 }
 
@@ -158,13 +203,20 @@ impl Lag {
         }
         let decay = (-dt_s / path.lag_s).exp();
         let mean = -(-dt_s / path.lag_s).exp_m1() * path.lag_s / dt_s;
-        Some(Self { decay, from_before: mean - decay, from_now: 1.0 - mean, input: 0.0, output: 0.0 })
+        Some(Self {
+            decay,
+            from_before: mean - decay,
+            from_now: 1.0 - mean,
+            input: 0.0,
+            output: 0.0,
+        })
     }
     fn settle(&mut self, input: f64) {
         (self.input, self.output) = (input, input);
     }
     fn step(&mut self, input: f64) -> f64 {
-        self.output = self.decay * self.output + self.from_before * self.input + self.from_now * input;
+        self.output =
+            self.decay * self.output + self.from_before * self.input + self.from_now * input;
         self.input = input;
         self.output
     }
@@ -187,9 +239,21 @@ impl<'a> StageRun<'a> {
         let switching = stage.switching(dt_s);
         Self {
             stage,
-            drives: stage.drives.iter().map(|path| DriveRun::new(path, dt_s)).collect(),
-            modes: stage.modes.iter().map(|mode| ModalMotion::new(mode, &switching, dt_s)).collect(),
-            lags: stage.sensors.iter().map(|path| Lag::of(path, dt_s)).collect(),
+            drives: stage
+                .drives
+                .iter()
+                .map(|path| DriveRun::new(path, dt_s))
+                .collect(),
+            modes: stage
+                .modes
+                .iter()
+                .map(|mode| ModalMotion::new(mode, &switching, dt_s))
+                .collect(),
+            lags: stage
+                .sensors
+                .iter()
+                .map(|path| Lag::of(path, dt_s))
+                .collect(),
             acting: vec![Held::default(); stage.drives.len()],
         }
     }
@@ -198,17 +262,34 @@ impl<'a> StageRun<'a> {
     pub fn readings(&mut self) -> Vec<f64> {
         let stage = self.stage;
         let reading = |(i, lag): (usize, &mut Option<Lag>)| {
-            let of_modes: f64 = stage.modes.iter().zip(&self.modes).map(|(mode, motion)| mode.of_sensors[i] * motion.position()).sum();
-            let at_once: f64 = stage.feedthrough[i].iter().zip(&self.acting).map(|(share, held)| share * held.late).sum();
-            lag.as_mut().map_or(of_modes + at_once, |lag| lag.step(of_modes + at_once))
+            let of_modes: f64 = stage
+                .modes
+                .iter()
+                .zip(&self.modes)
+                .map(|(mode, motion)| mode.of_sensors[i] * motion.position())
+                .sum();
+            let at_once: f64 = stage.feedthrough[i]
+                .iter()
+                .zip(&self.acting)
+                .map(|(share, held)| share * held.late)
+                .sum();
+            lag.as_mut()
+                .map_or(of_modes + at_once, |lag| lag.step(of_modes + at_once))
         };
         self.lags.iter_mut().enumerate().map(reading).collect()
     }
 
     /// Goes on by a period under these drives.
     pub fn step(&mut self, u: &[f64]) {
-        self.acting = self.drives.iter_mut().zip(u).map(|(drive, u)| drive.step(*u)).collect();
-        self.modes.iter_mut().for_each(|mode| mode.step(&self.acting));
+        self.acting = self
+            .drives
+            .iter_mut()
+            .zip(u)
+            .map(|(drive, u)| drive.step(*u))
+            .collect();
+        self.modes
+            .iter_mut()
+            .for_each(|mode| mode.step(&self.acting));
     }
 }
 
@@ -218,26 +299,52 @@ mod tests {
 
     fn stage() -> ModalStage {
         let mut stage = ModalStage::at_rest(2, 2);
-        stage.modes.push(StageMode { of_drives: vec![1.0, 0.3], of_sensors: vec![0.1, 0.02], ..StageMode::linear(210.0, 0.03, 2, 2) });
-        stage.modes.push(StageMode { of_drives: vec![0.0, 1.0], of_sensors: vec![0.0, 0.2], ..StageMode::linear(330.0, 0.02, 2, 2) });
+        stage.modes.push(StageMode {
+            of_drives: vec![1.0, 0.3],
+            of_sensors: vec![0.1, 0.02],
+            ..StageMode::linear(210.0, 0.03, 2, 2)
+        });
+        stage.modes.push(StageMode {
+            of_drives: vec![0.0, 1.0],
+            of_sensors: vec![0.0, 0.2],
+            ..StageMode::linear(330.0, 0.02, 2, 2)
+        });
         stage
     }
 
     #[test]
     fn steps_and_signals_are_the_same_motion() {
         let mut stage = stage();
-        stage.drives[0] = DrivePath { delay_s: 3.3e-4, plays: vec![[0.5, 0.2]], creep: vec![[0.02, 0.05]] };
-        stage.modes[1].friction = Some(ModeFriction { force: 0.3, bend: 0.2 });
+        stage.drives[0] = DrivePath {
+            delay_s: 3.3e-4,
+            plays: vec![[0.5, 0.2]],
+            creep: vec![[0.02, 0.05]],
+        };
+        stage.modes[1].friction = Some(ModeFriction {
+            force: 0.3,
+            bend: 0.2,
+        });
         stage.sensors[1].lag_s = 2e-4;
         let dt_s = 1.0 / 6400.0;
         let u: Vec<Vec<f64>> = (1..3)
-            .map(|j| std::iter::once(0.0).chain((1..400).map(|k| 3.0 * (0.01 * f64::from(j * k * (1 + k % 7))).sin())).collect())
+            .map(|j| {
+                std::iter::once(0.0)
+                    .chain((1..400).map(|k| 3.0 * (0.01 * f64::from(j * k * (1 + k % 7))).sin()))
+                    .collect()
+            })
             .collect();
         let whole = stage.simulate(&u, dt_s, false);
         let mut run = StageRun::new(&stage, dt_s);
         for k in 0..400 {
             let now = run.readings();
-            (0..2).for_each(|i| assert!((now[i] - whole[i][k]).abs() < 1e-12, "{k} {i}: {} {}", now[i], whole[i][k]));
+            (0..2).for_each(|i| {
+                assert!(
+                    (now[i] - whole[i][k]).abs() < 1e-12,
+                    "{k} {i}: {} {}",
+                    now[i],
+                    whole[i][k]
+                )
+            });
             run.step(&[u[0][k], u[1][k]]);
         }
     }

@@ -73,7 +73,10 @@ fn after_step(frequency_rad_s: f64, damping: f64, time_s: f64) -> [f64; 2] {
     let (sin, cos) = (damped_rad_s * time_s).sin_cos();
     let decay = (-damping * frequency_rad_s * time_s).exp();
     let rate = damping * frequency_rad_s / damped_rad_s;
-    [1.0 - decay * (cos + rate * sin), decay * frequency_rad_s * frequency_rad_s / damped_rad_s * sin]
+    [
+        1.0 - decay * (cos + rate * sin),
+        decay * frequency_rad_s * frequency_rad_s / damped_rad_s * sin,
+    ]
 }
 
 /// A mode that is stepped.
@@ -100,10 +103,14 @@ impl ModalMotion {
     pub fn new(mode: &StageMode, switching: &[f64], dt_s: f64) -> Self {
         let frequency = std::f64::consts::TAU * mode.frequency_hz;
         let damping = mode.damping_ratio.clamp(0.0, 0.99);
-        let stiffer = mode.friction.map_or(1.0, |f| 1.0 + f.force.abs() / f.bend.max(1e-12));
+        let stiffer = mode
+            .friction
+            .map_or(1.0, |f| 1.0 + f.force.abs() / f.bend.max(1e-12));
         let nonlinear = mode.is_nonlinear();
         let steps = if nonlinear {
-            let needed = (frequency * stiffer.sqrt() * dt_s / TURN_MAX_RAD).ceil().max(1.0) as usize;
+            let needed = (frequency * stiffer.sqrt() * dt_s / TURN_MAX_RAD)
+                .ceil()
+                .max(1.0) as usize;
             needed.next_power_of_two().min(STEPS_MAX)
         } else {
             1
@@ -116,16 +123,24 @@ impl ModalMotion {
         let rate = damping * frequency / damped;
         let transition = [
             [decay * (cos + rate * sin), decay * sin / damped],
-            [-decay * frequency * frequency / damped * sin, decay * (cos - rate * sin)],
+            [
+                -decay * frequency * frequency / damped * sin,
+                decay * (cos - rate * sin),
+            ],
         ];
         // A unit ramp that reaches 1 at the end.
         let two_damping = 2.0 * damping / frequency;
-        let position = h - two_damping + decay * (two_damping * cos + (2.0 * damping * damping - 1.0) / damped * sin);
+        let position = h - two_damping
+            + decay * (two_damping * cos + (2.0 * damping * damping - 1.0) / damped * sin);
         let ramp = [position / h, held[0] / h];
         let change = |share: &f64| {
             let inside = share * steps as f64;
             let at = (inside.floor() as usize).min(steps - 1);
-            let late = after_step(frequency, damping, (1.0 - (inside - at as f64)).max(0.0) * h);
+            let late = after_step(
+                frequency,
+                damping,
+                (1.0 - (inside - at as f64)).max(0.0) * h,
+            );
             (at, [held[0] - late[0], held[1] - late[1]], late)
         };
         Self {
@@ -135,7 +150,9 @@ impl ModalMotion {
             changes: switching.iter().map(change).collect(),
             held,
             ramp,
-            friction: mode.friction.map(|friction| (friction, Dahl::of(friction.bend))),
+            friction: mode
+                .friction
+                .map(|friction| (friction, Dahl::of(friction.bend))),
             nonlinear,
             state: [0.0; 2],
             bend: 0.0,
@@ -163,7 +180,13 @@ impl ModalMotion {
 
     /// Comes to rest under what the drives give now; friction is unloaded there.
     pub fn settle(&mut self, drives: &[Held]) {
-        let given: f64 = self.mode.of_drives.iter().zip(drives).map(|(share, held)| share * held.early).sum();
+        let given: f64 = self
+            .mode
+            .of_drives
+            .iter()
+            .zip(drives)
+            .map(|(share, held)| share * held.early)
+            .sum();
         // Where the stiffness balances what is given: Newton's rule from the linear answer.
         let mut q = given;
         for _ in 0..20 {
@@ -176,7 +199,9 @@ impl ModalMotion {
     }
 
     fn force_at(&self, q: f64, bend: f64) -> f64 {
-        let of_friction = self.friction.map_or(0.0, |(friction, _)| friction.force * bend / friction.bend.max(1e-12));
+        let of_friction = self.friction.map_or(0.0, |(friction, _)| {
+            friction.force * bend / friction.bend.max(1e-12)
+        });
         -(of_friction + q * q * (self.mode.quadratic + q * self.mode.cubic))
     }
 
@@ -184,8 +209,13 @@ impl ModalMotion {
     pub fn step(&mut self, drives: &[Held]) {
         for step in 0..self.steps {
             let [q, v] = self.state;
-            let mut next = [self.transition[0][0] * q + self.transition[0][1] * v, self.transition[1][0] * q + self.transition[1][1] * v];
-            for ((share, held), (at, early, late)) in self.mode.of_drives.iter().zip(drives).zip(&self.changes) {
+            let mut next = [
+                self.transition[0][0] * q + self.transition[0][1] * v,
+                self.transition[1][0] * q + self.transition[1][1] * v,
+            ];
+            for ((share, held), (at, early, late)) in
+                self.mode.of_drives.iter().zip(drives).zip(&self.changes)
+            {
                 if *share == 0.0 {
                     continue;
                 }
@@ -198,8 +228,13 @@ impl ModalMotion {
                 next[1] += share * given(1);
             }
             if self.nonlinear {
-                let with = |force: f64| next[0] + self.force * self.held[0] + (force - self.force) * self.ramp[0];
-                let bend_at = |q_end: f64| self.friction.map_or(0.0, |(_, dahl)| dahl.bend_after(self.bend, q_end - q));
+                let with = |force: f64| {
+                    next[0] + self.force * self.held[0] + (force - self.force) * self.ramp[0]
+                };
+                let bend_at = |q_end: f64| {
+                    self.friction
+                        .map_or(0.0, |(_, dahl)| dahl.bend_after(self.bend, q_end - q))
+                };
                 let mut force = self.force;
                 for _ in 0..CORRECTIONS {
                     let q_end = with(force);

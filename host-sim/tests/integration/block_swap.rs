@@ -13,7 +13,11 @@ use proptest::prelude::*;
 
 /// The best design for the bench, a predictor over the inverse of the hysteresis.
 fn best() -> AmplifierParameters {
-    read(include_bytes!("../../../board/emulator/tests/p753.block"), 20_000).expect("a valid block")
+    read(
+        include_bytes!("../../../board/emulator/tests/p753.block"),
+        20_000,
+    )
+    .expect("a valid block")
 }
 
 /// What a second design of the same stage may have otherwise.
@@ -29,9 +33,22 @@ struct Family {
 }
 
 fn family() -> impl Strategy<Value = Family> {
-    (0.7f64..1.1, 0.7f64..1.1, 0.7f64..1.1, 0.98f64..1.02, 0.97f64..1.03).prop_map(
-        |(controller, observer, unknown, feedforward, displacement)| Family { controller, observer, unknown, feedforward, displacement },
+    (
+        0.7f64..1.1,
+        0.7f64..1.1,
+        0.7f64..1.1,
+        0.98f64..1.02,
+        0.97f64..1.03,
     )
+        .prop_map(
+            |(controller, observer, unknown, feedforward, displacement)| Family {
+                controller,
+                observer,
+                unknown,
+                feedforward,
+                displacement,
+            },
+        )
 }
 
 fn times(value: &mut i32, factor: f64) {
@@ -41,14 +58,28 @@ fn times(value: &mut i32, factor: f64) {
 fn block(family: &Family) -> AmplifierParameters {
     let mut parameters = best();
     if let LawParameters::Predictor(p) = &mut parameters.servo.law {
-        p.gain_row.coefficients.iter_mut().for_each(|c| times(c, family.controller));
-        p.state_rows.iter_mut().for_each(|row| times(&mut row.coefficients[6], family.observer));
+        p.gain_row
+            .coefficients
+            .iter_mut()
+            .for_each(|c| times(c, family.controller));
+        p.state_rows
+            .iter_mut()
+            .for_each(|row| times(&mut row.coefficients[6], family.observer));
         times(&mut p.unknown_gain, family.unknown);
         times(&mut p.slope_gain, family.unknown);
-        p.feedforward.coefficients.iter_mut().for_each(|c| times(c, family.feedforward));
+        p.feedforward
+            .coefficients
+            .iter_mut()
+            .for_each(|c| times(c, family.feedforward));
     }
-    if let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut parameters.servo.actuator {
-        surfaces.g.iter_mut().flatten().chain(&mut surfaces.f).for_each(|c| times(c, family.displacement));
+    if let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut parameters.servo.actuator
+    {
+        surfaces
+            .g
+            .iter_mut()
+            .flatten()
+            .chain(&mut surfaces.f)
+            .for_each(|c| times(c, family.displacement));
     }
     assert_eq!(verify(&parameters, 20_000), Ok(()));
     parameters
@@ -80,13 +111,29 @@ impl Loop {
             reading: SensorCode::default(),
         };
         this.sample();
-        assert_eq!(this.amplifier.command(Command::Arm { tested: false }), Ok(()));
-        assert_eq!(this.amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, Micrometres::from_num(amplitude_um), 0);
+        assert_eq!(
+            this.amplifier.command(Command::Arm { tested: false }),
+            Ok(())
+        );
+        assert_eq!(
+            this.amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
+        let tone = (
+            (hz / 20_000.0 * 2f64.powi(32)) as u32,
+            Micrometres::from_num(amplitude_um),
+            0,
+        );
         let none = (0, Micrometres::from_bits(0), 0);
-        let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
+        let waveform = Waveform::Multisine {
+            tones: [tone, none, none, none],
+        };
         let offset = Micrometres::from_num(5.6);
-        assert_eq!(this.amplifier.command(Command::Reference { waveform, offset }), Ok(()));
+        assert_eq!(
+            this.amplifier
+                .command(Command::Reference { waveform, offset }),
+            Ok(())
+        );
         assert_eq!(this.amplifier.command(Command::Enable), Ok(()));
         this
     }
@@ -94,7 +141,8 @@ impl Loop {
     /// The period before an edge ends, what was written acts, the sensor is sampled.
     fn sample(&mut self) {
         let [acting, written] = self.codes;
-        self.plant.tick(self.bench.converter_scale().drive_v(acting));
+        self.plant
+            .tick(self.bench.converter_scale().drive_v(acting));
         self.codes = [written, written];
         self.reading = self.sensor.read_code(&self.plant);
     }
@@ -166,7 +214,13 @@ proptest! {
 
 #[test]
 fn the_same_block_changes_no_code() {
-    let family = Family { controller: 1.0, observer: 1.0, unknown: 1.0, feedforward: 1.0, displacement: 1.0 };
+    let family = Family {
+        controller: 1.0,
+        observer: 1.0,
+        unknown: 1.0,
+        feedforward: 1.0,
+        displacement: 1.0,
+    };
     assert_eq!(block(&family), best());
     let mut running = Loop::closed(&best(), 20.0, 2.0, 5);
     running.run(3000);
@@ -184,8 +238,14 @@ fn undoing(ticks: f64) -> AmplifierParameters {
     let mut parameters = best();
     let fraction = |value: f64| (value * f64::from(1u32 << LAG_FRACTION_BITS)).round() as i32;
     if ticks > 0.0 {
-        let (carried, before) = ((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0), 1.0 / (2.0 * ticks + 1.0));
-        parameters.servo.sensor_lag = SensorLag { carried: fraction(carried), before: fraction(before) };
+        let (carried, before) = (
+            (2.0 * ticks - 1.0) / (2.0 * ticks + 1.0),
+            1.0 / (2.0 * ticks + 1.0),
+        );
+        parameters.servo.sensor_lag = SensorLag {
+            carried: fraction(carried),
+            before: fraction(before),
+        };
     }
     assert_eq!(verify(&parameters, 20_000), Ok(()));
     parameters
@@ -201,8 +261,12 @@ fn at_another_lag(from_ticks: f64, to_ticks: f64, hz: f64, amplitude_um: f64) ->
     let (mut before, mut largest) = ([[0.0f64; 3]; 2], [0.0f64; 3]);
     for _ in 0..100 {
         let codes = [&mut running, &mut stayed].map(|one| f64::from(one.answer().steps()));
-        let [new, old] =
-            [&running, &stayed].map(|one| [1e3 * one.amplifier.servo().reference().to_num::<f64>(), 1e3 * one.plant.displacement_um()]);
+        let [new, old] = [&running, &stayed].map(|one| {
+            [
+                1e3 * one.amplifier.servo().reference().to_num::<f64>(),
+                1e3 * one.plant.displacement_um(),
+            ]
+        });
         let apart = [new[0] - old[0], new[1] - old[1], codes[0] - codes[1]];
         for (most, k) in largest.iter_mut().zip(0..) {
             *most = most.max((apart[k] - 2.0 * before[0][k] + before[1][k]).abs());
@@ -226,8 +290,12 @@ fn another_lag_of_the_sensor_takes_over_without_a_step_of_the_reference() {
             println!(
                 "{from} to {to} ticks, {hz} Hz, 3 um: reference {reference_nm:.3} nm, position {position_nm:.3} nm, drive {codes} codes"
             );
-            let difference_nm = 1e3 * 3.0 * std::f64::consts::TAU * hz / 20_000.0 * f64::abs(from - to);
-            assert!(reference_nm < 0.01 * difference_nm, "{reference_nm} of {difference_nm} nm");
+            let difference_nm =
+                1e3 * 3.0 * std::f64::consts::TAU * hz / 20_000.0 * f64::abs(from - to);
+            assert!(
+                reference_nm < 0.01 * difference_nm,
+                "{reference_nm} of {difference_nm} nm"
+            );
             // No more than any other block: the first drives of two may differ by so much.
             assert!(from + to > 1.0 || codes <= 15.0, "{codes} codes");
         }

@@ -1,7 +1,9 @@
 //! The integer hysteresis of the controller against the f64 model of the plant: forward, inverse, limits,
 //! full stack.
 
-use hysteron_core::one_sided_hysteresis::{OneSidedHysteresis, STACK_CAPACITY, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
+use hysteron_core::one_sided_hysteresis::{
+    OneSidedHysteresis, STACK_CAPACITY, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits,
+};
 use hysteron_sim::bench::Bench;
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis as FloatHysteresis, Surfaces};
 use proptest::prelude::*;
@@ -15,8 +17,13 @@ fn surfaces() -> Surfaces {
 }
 
 fn quantised(surfaces: &Surfaces) -> SurfaceCoefficients {
-    let quantise = |v: f64, i: usize, j: usize| (v * f64::from(1u32 << surface_fraction_bits(i, j))).round() as i32;
-    let mut out = SurfaceCoefficients { g: [[0; SURFACE_SIZE]; SURFACE_SIZE], f: [0; SURFACE_SIZE] };
+    let quantise = |v: f64, i: usize, j: usize| {
+        (v * f64::from(1u32 << surface_fraction_bits(i, j))).round() as i32
+    };
+    let mut out = SurfaceCoefficients {
+        g: [[0; SURFACE_SIZE]; SURFACE_SIZE],
+        f: [0; SURFACE_SIZE],
+    };
     for i in 0..SURFACE_SIZE {
         for j in 0..SURFACE_SIZE {
             out.g[i][j] = quantise(surfaces.g[i][j], i, j);

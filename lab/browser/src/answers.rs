@@ -28,7 +28,10 @@ impl Answer {
     /// Figures alone.
     #[must_use]
     pub fn of(json: Value) -> Self {
-        Self { json, columns: Vec::new() }
+        Self {
+            json,
+            columns: Vec::new(),
+        }
     }
 
     /// Length of the JSON, the JSON filled up with blanks to a multiple of eight bytes, the columns as 64-bit
@@ -36,14 +39,22 @@ impl Answer {
     #[must_use]
     pub fn bytes(mut self) -> Vec<u8> {
         if let Some(object) = self.json.as_object_mut() {
-            object.insert("columns".into(), json!(self.columns.iter().map(Vec::len).collect::<Vec<_>>()));
+            object.insert(
+                "columns".into(),
+                json!(self.columns.iter().map(Vec::len).collect::<Vec<_>>()),
+            );
         }
         let mut text = self.json.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(8), b' ');
-        let mut out = Vec::with_capacity(8 + text.len() + 8 * self.columns.iter().map(Vec::len).sum::<usize>());
+        let mut out = Vec::with_capacity(
+            8 + text.len() + 8 * self.columns.iter().map(Vec::len).sum::<usize>(),
+        );
         out.extend((text.len() as u64).to_le_bytes());
         out.extend(text);
-        self.columns.iter().flatten().for_each(|value| out.extend(value.to_le_bytes()));
+        self.columns
+            .iter()
+            .flatten()
+            .for_each(|value| out.extend(value.to_le_bytes()));
         out
     }
 }
@@ -63,7 +74,11 @@ struct RecordLine<'a> {
 /// A data set as it was read.
 #[must_use]
 pub fn recording(recording: &UploadedRecording, floor: &NoiseFloor) -> Value {
-    let UploadedRecording { dataset, manifest, columns } = recording;
+    let UploadedRecording {
+        dataset,
+        manifest,
+        columns,
+    } = recording;
     let line = |r: &Record| {
         json!(RecordLine {
             name: &r.name,
@@ -94,7 +109,10 @@ pub fn recording(recording: &UploadedRecording, floor: &NoiseFloor) -> Value {
 #[must_use]
 pub fn signals(record: &Record) -> Answer {
     let window = record.window.clone();
-    let drive_v = window.clone().map(|k| record.drive_v[k.saturating_sub(1)]).collect();
+    let drive_v = window
+        .clone()
+        .map(|k| record.drive_v[k.saturating_sub(1)])
+        .collect();
     Answer {
         json: json!({ "rate_hz": record.sample_rate_hz, "from_s": window.start as f64 * record.dt_s() }),
         columns: vec![drive_v, record.displacement_um[window].to_vec()],
@@ -130,8 +148,19 @@ pub fn map_row(dataset: &Dataset, record: &Record, residual_um: &[f64]) -> Value
     from_start.extend(residual_um);
     fill_left_out(record, &mut from_start[record.window.start..], f64::NAN);
     let limits = (dataset.drive_min_v, dataset.drive_max_v);
-    let cells = residual_by_feature(&record.drive_v, &from_start, record.sample_rate_hz, record.window.clone(), limits);
-    json!(cells.into_iter().map(|cell| cell.map(|c| c.rms)).collect::<Vec<_>>())
+    let cells = residual_by_feature(
+        &record.drive_v,
+        &from_start,
+        record.sample_rate_hz,
+        record.window.clone(),
+        limits,
+    );
+    json!(
+        cells
+            .into_iter()
+            .map(|cell| cell.map(|c| c.rms))
+            .collect::<Vec<_>>()
+    )
 }
 
 /// What happens in a search.
@@ -139,7 +168,12 @@ pub fn map_row(dataset: &Dataset, record: &Record, residual_um: &[f64]) -> Value
 pub fn event(event: &WatchEvent<'_>) -> Value {
     let text = event.to_string();
     match event {
-        WatchEvent::Tried { added, identify_rms_um, validate_rms_um, best } => {
+        WatchEvent::Tried {
+            added,
+            identify_rms_um,
+            validate_rms_um,
+            best,
+        } => {
             json!({ "text": text, "added": added, "fitted_um": identify_rms_um, "held_out_um": validate_rms_um, "best": best })
         }
         _ => json!({ "text": text }),
@@ -178,7 +212,11 @@ pub fn explanation(found: &Outcome, dataset: &Dataset, figures: &FitFigures) -> 
                 "effect": evidence.effect, "caption": evidence.caption, "against": against(evidence.against),
                 "record": record.name, "column": columns.len(),
             }));
-            columns.extend([samples, trace.residual_um.clone(), trace.predicted_um.clone()]);
+            columns.extend([
+                samples,
+                trace.residual_um.clone(),
+                trace.predicted_um.clone(),
+            ]);
         }
     }
     let candidates = found.diagnosis.candidates.iter().map(|c| {
@@ -211,7 +249,9 @@ pub fn explanation(found: &Outcome, dataset: &Dataset, figures: &FitFigures) -> 
 /// All effects that there are.
 #[must_use]
 pub fn effects() -> Value {
-    let line =
-        registry().into_iter().map(|e| e.declaration()).map(|d| json!({ "id": d.id, "physics": d.physics, "experiment": d.experiment }));
+    let line = registry()
+        .into_iter()
+        .map(|e| e.declaration())
+        .map(|d| json!({ "id": d.id, "physics": d.physics, "experiment": d.experiment }));
     json!({ "effects": line.collect::<Vec<_>>() })
 }

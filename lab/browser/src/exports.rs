@@ -43,7 +43,9 @@ pub extern "C" fn hysteron_reserve(length: usize) -> *mut u8 {
 /// Answers the question and gives the length of the answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn hysteron_ask() -> usize {
-    std::panic::set_hook(Box::new(|what| tell(&serde_json::json!({ "broken": what.to_string() }).to_string())));
+    std::panic::set_hook(Box::new(|what| {
+        tell(&serde_json::json!({ "broken": what.to_string() }).to_string())
+    }));
     DESK.with_borrow_mut(|desk| {
         let question = std::mem::take(&mut desk.question);
         desk.answer = desk.session.answer(&question, &tell);

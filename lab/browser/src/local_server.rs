@@ -42,13 +42,25 @@ impl LocalServer {
     pub fn bind(listen: SocketAddr, command: &'static str) -> Result<Self> {
         let wrong = |what: String| Error::new(command, what);
         if !listen.ip().is_loopback() {
-            return Err(wrong(format!("{listen} could be reached from other machines; expected an address like 127.0.0.1:8080")));
+            return Err(wrong(format!(
+                "{listen} could be reached from other machines; expected an address like 127.0.0.1:8080"
+            )));
         }
-        let http = tiny_http::Server::http(listen).map_err(|e| wrong(format!("no port can be taken at {listen}: {e}")))?;
+        let http = tiny_http::Server::http(listen)
+            .map_err(|e| wrong(format!("no port can be taken at {listen}: {e}")))?;
         let mut random = [0; 16];
-        getrandom::fill(&mut random).map_err(|e| wrong(format!("the system gives no random numbers for a token: {e}")))?;
+        getrandom::fill(&mut random).map_err(|e| {
+            wrong(format!(
+                "the system gives no random numbers for a token: {e}"
+            ))
+        })?;
         let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok(Self { host: http.server_addr().to_string(), http, command, token })
+        Ok(Self {
+            host: http.server_addr().to_string(),
+            http,
+            command,
+            token,
+        })
     }
 
     /// The address of the page, with its token.
@@ -70,7 +82,10 @@ impl LocalServer {
 
     /// Answers a request from the page by `route`, any other with a refusal.
     pub fn answer(&self, mut request: Request, route: impl FnOnce(&mut Request) -> Reply) {
-        if request.body_length().is_some_and(|bytes| bytes > MOST_BODY_BYTES) {
+        if request
+            .body_length()
+            .is_some_and(|bytes| bytes > MOST_BODY_BYTES)
+        {
             // tiny_http 0.12 sets as much memory aside as a request announces when it is dropped, and without
             // that memory the program ends. One connection that is never closed is the lesser evil.
             std::mem::forget(request);
@@ -88,25 +103,42 @@ impl LocalServer {
             ("Content-Security-Policy", "frame-ancestors 'none'"),
             ("Cross-Origin-Resource-Policy", "same-origin"),
         ];
-        let headers = headers.iter().filter_map(|(name, value)| Header::from_bytes(name.as_bytes(), value.as_bytes()).ok());
-        let response = headers.fold(Response::from_data(bytes).with_status_code(status), Response::with_header);
+        let headers = headers
+            .iter()
+            .filter_map(|(name, value)| Header::from_bytes(name.as_bytes(), value.as_bytes()).ok());
+        let response = headers.fold(
+            Response::from_data(bytes).with_status_code(status),
+            Response::with_header,
+        );
         // A page that was closed in the meantime needs no answer.
         let _ = request.respond(response);
     }
 
     /// Why a request is not answered.
     fn refusal(&self, request: &Request) -> Option<String> {
-        let header = |name: &'static str| request.headers().iter().find(|h| h.field.equiv(name)).map(|h| h.value.as_str());
+        let header = |name: &'static str| {
+            request
+                .headers()
+                .iter()
+                .find(|h| h.field.equiv(name))
+                .map(|h| h.value.as_str())
+        };
         let from_elsewhere = |site: &str| !matches!(site, "same-origin" | "none");
         let command = self.command;
         if header("Host") != Some(self.host.as_str()) {
             Some("it was meant for another host".into())
-        } else if header("Origin").is_some_and(|origin| origin.strip_prefix("http://") != Some(self.host.as_str())) {
+        } else if header("Origin")
+            .is_some_and(|origin| origin.strip_prefix("http://") != Some(self.host.as_str()))
+        {
             Some("it comes from another origin".into())
         } else if header("Sec-Fetch-Site").is_some_and(from_elsewhere) {
-            Some(format!("it comes from another site; type the address that `{command}` has written"))
+            Some(format!(
+                "it comes from another site; type the address that `{command}` has written"
+            ))
         } else if parameter(request.url(), "token") != Some(self.token.as_str()) {
-            Some(format!("the token is missing or wrong; use the address that `{command}` has written"))
+            Some(format!(
+                "the token is missing or wrong; use the address that `{command}` has written"
+            ))
         } else {
             None
         }
@@ -116,5 +148,8 @@ impl LocalServer {
 /// The value of a parameter in an address; none of them needs to be unescaped.
 #[must_use]
 pub fn parameter<'a>(url: &'a str, name: &str) -> Option<&'a str> {
-    url.split_once('?')?.1.split('&').find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='))
+    url.split_once('?')?
+        .1
+        .split('&')
+        .find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='))
 }

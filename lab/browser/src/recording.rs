@@ -47,12 +47,24 @@ impl Said {
         use hysteron::dataset::column_rules::ColumnName;
         let column = |text: &Option<String>| {
             let text = text.as_deref()?;
-            Some(text.parse().map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number))
+            Some(
+                text.parse()
+                    .map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number),
+            )
         };
         let c = &self.columns;
-        let columns = PerColumn { t: column(&c.t), u: column(&c.u), y: column(&c.y), force: column(&c.force) };
+        let columns = PerColumn {
+            t: column(&c.t),
+            u: column(&c.u),
+            y: column(&c.y),
+            force: column(&c.force),
+        };
         Instructions {
-            wanted: ColumnRules { columns, unit: self.units.clone(), ..ColumnRules::default() },
+            wanted: ColumnRules {
+                columns,
+                unit: self.units.clone(),
+                ..ColumnRules::default()
+            },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
             timing: self.timing,
@@ -87,9 +99,18 @@ impl UploadedRecording {
     ///
     /// # Errors
     /// Where the roles leave nothing to fit.
-    pub fn of(dataset: Dataset, manifest: Option<String>, first: Option<&Table>, said: &Said) -> Result<Self> {
+    pub fn of(
+        dataset: Dataset,
+        manifest: Option<String>,
+        first: Option<&Table>,
+        said: &Said,
+    ) -> Result<Self> {
         let columns = first.map_or_else(Vec::new, columns_of);
-        Ok(Self { dataset: with_roles(dataset, &said.roles)?, manifest, columns })
+        Ok(Self {
+            dataset: with_roles(dataset, &said.roles)?,
+            manifest,
+            columns,
+        })
     }
 }
 
@@ -106,29 +127,60 @@ pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<UploadedRe
     if let Some((image, log)) = trace_of(files)? {
         return from_trace(image, log, said);
     }
-    let manifest =
-        files.keys().find(|name| base_name(name) == "dataset.toml").or_else(|| files.keys().find(|name| name.ends_with(".toml")));
-    let recordings: Vec<(&String, &Vec<u8>)> = files.iter().filter(|(name, _)| !name.ends_with(".toml")).collect();
+    let manifest = files
+        .keys()
+        .find(|name| base_name(name) == "dataset.toml")
+        .or_else(|| files.keys().find(|name| name.ends_with(".toml")));
+    let recordings: Vec<(&String, &Vec<u8>)> = files
+        .iter()
+        .filter(|(name, _)| !name.ends_with(".toml"))
+        .collect();
     let instructions = said.instructions();
-    let hints = Hints { skip_rows: said.skip_rows.unwrap_or(0) };
+    let hints = Hints {
+        skip_rows: said.skip_rows.unwrap_or(0),
+    };
     let (dataset, written, shown) = match (manifest, recordings[..].first()) {
         (Some(name), _) => {
-            let text = String::from_utf8(files[name].clone()).map_err(|_| Error::new(name, "is not text; expected a manifest"))?;
+            let text = String::from_utf8(files[name].clone())
+                .map_err(|_| Error::new(name, "is not text; expected a manifest"))?;
             let folder = &name[..name.len() - base_name(name).len()];
-            let beside: BTreeMap<String, Vec<u8>> =
-                files.iter().filter_map(|(name, bytes)| Some((name.strip_prefix(folder)?.to_owned(), bytes.clone()))).collect();
+            let beside: BTreeMap<String, Vec<u8>> = files
+                .iter()
+                .filter_map(|(name, bytes)| {
+                    Some((name.strip_prefix(folder)?.to_owned(), bytes.clone()))
+                })
+                .collect();
             let dataset = from_manifest_as(&text, name, &beside, &instructions)?;
-            let first = dataset.records.first().and_then(|record| beside.get_key_value(&record.source));
-            let table = first.map(|(name, bytes)| readers::read(name, bytes, hints)).transpose()?;
+            let first = dataset
+                .records
+                .first()
+                .and_then(|record| beside.get_key_value(&record.source));
+            let table = first
+                .map(|(name, bytes)| readers::read(name, bytes, hints))
+                .transpose()?;
             (dataset, None, table)
         }
-        (None, None) => return Err(Error::new("", format!("no recording among the files; expected {}", readers::FORMATS))),
-        (None, Some((name, bytes))) if recordings.len() == 1 => {
-            (from_file_as(name, bytes, &instructions)?, None, Some(readers::read(name, bytes, hints)?))
+        (None, None) => {
+            return Err(Error::new(
+                "",
+                format!(
+                    "no recording among the files; expected {}",
+                    readers::FORMATS
+                ),
+            ));
         }
+        (None, Some((name, bytes))) if recordings.len() == 1 => (
+            from_file_as(name, bytes, &instructions)?,
+            None,
+            Some(readers::read(name, bytes, hints)?),
+        ),
         (None, Some(_)) => {
             let (text, table) = manifest_of(&recordings, said, &instructions, hints)?;
-            (from_manifest_as(&text, "dataset.toml", files, &instructions)?, Some(text), Some(table))
+            (
+                from_manifest_as(&text, "dataset.toml", files, &instructions)?,
+                Some(text),
+                Some(table),
+            )
         }
     };
     UploadedRecording::of(dataset, written, shown.as_ref(), said)
@@ -139,13 +191,18 @@ const ELF: &[u8] = b"\x7fELF";
 
 /// The image of an amplifier and the log that it wrote, where somebody dropped those two.
 fn trace_of(files: &BTreeMap<String, Vec<u8>>) -> Result<Option<(&[u8], &[u8])>> {
-    let (images, others): (Vec<_>, Vec<_>) = files.iter().partition(|(_, bytes)| bytes.starts_with(ELF));
+    let (images, others): (Vec<_>, Vec<_>) =
+        files.iter().partition(|(_, bytes)| bytes.starts_with(ELF));
     match (&images[..], &others[..]) {
         ([], _) => Ok(None),
         ([(_, image)], [(_, log)]) => Ok(Some((image, log))),
         ([(name, _), ..], _) => Err(Error::new(
             name,
-            format!("is an image; expected one image and one log beside it, got {} and {}", images.len(), others.len()),
+            format!(
+                "is an image; expected one image and one log beside it, got {} and {}",
+                images.len(),
+                others.len()
+            ),
         )),
     }
 }
@@ -162,11 +219,24 @@ fn from_trace(image: &[u8], log: &[u8], said: &Said) -> Result<UploadedRecording
 }
 
 fn columns_of(table: &Table) -> Vec<ColumnChoice> {
-    table.columns.iter().map(|c| ColumnChoice { number: c.number, name: c.name.clone(), unit: c.unit.clone() }).collect()
+    table
+        .columns
+        .iter()
+        .map(|c| ColumnChoice {
+            number: c.number,
+            name: c.name.clone(),
+            unit: c.unit.clone(),
+        })
+        .collect()
 }
 
 /// The manifest of several files that bring none, and the table of the first.
-fn manifest_of(recordings: &[(&String, &Vec<u8>)], said: &Said, instructions: &Instructions, hints: Hints) -> Result<(String, Table)> {
+fn manifest_of(
+    recordings: &[(&String, &Vec<u8>)],
+    said: &Said,
+    instructions: &Instructions,
+    hints: Hints,
+) -> Result<(String, Table)> {
     let mut shown = None;
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     let mut roles: Vec<Role> = Vec::new();
@@ -179,31 +249,57 @@ fn manifest_of(recordings: &[(&String, &Vec<u8>)], said: &Said, instructions: &I
         shown.get_or_insert(table);
     }
     let moving = roles.iter().filter(|role| **role == Role::Identify).count();
-    if let Some(last) = roles.iter_mut().rev().find(|role| **role == Role::Identify).filter(|_| moving > 1) {
+    if let Some(last) = roles
+        .iter_mut()
+        .rev()
+        .find(|role| **role == Role::Identify)
+        .filter(|_| moving > 1)
+    {
         *last = Role::Validate;
     }
-    let mut text = format!("name = \"recordings\"\ndrive_min_v = {low:?}\ndrive_max_v = {high:?}\n");
+    let mut text =
+        format!("name = \"recordings\"\ndrive_min_v = {low:?}\ndrive_max_v = {high:?}\n");
     for ((name, _), role) in recordings.iter().zip(roles) {
-        let stem = base_name(name).rsplit_once('.').map_or(base_name(name), |(stem, _)| stem);
+        let stem = base_name(name)
+            .rsplit_once('.')
+            .map_or(base_name(name), |(stem, _)| stem);
         let role = said.roles.get(stem).copied().unwrap_or(role).name();
         let quoted = toml::Value::String((*name).clone());
         // Writing to a text cannot fail.
-        let _ = write!(text, "\n[[record]]\nfile = {quoted}\nrole = \"{role}\"\ninitial_state = \"unknown\"\n");
+        let _ = write!(
+            text,
+            "\n[[record]]\nfile = {quoted}\nrole = \"{role}\"\ninitial_state = \"unknown\"\n"
+        );
     }
-    shown.map(|table| (text, table)).ok_or_else(|| Error::new("", "no recording among the files"))
+    shown
+        .map(|table| (text, table))
+        .ok_or_else(|| Error::new("", "no recording among the files"))
 }
 
 /// The same data set with the roles that a person gave its records.
 fn with_roles(dataset: Dataset, roles: &BTreeMap<String, Role>) -> Result<Dataset> {
-    let changed = |name: &str, role: Role| roles.get(name).copied().filter(|wanted| *wanted != role);
-    if !dataset.records.iter().any(|r| changed(&r.name, r.role).is_some()) {
+    let changed =
+        |name: &str, role: Role| roles.get(name).copied().filter(|wanted| *wanted != role);
+    if !dataset
+        .records
+        .iter()
+        .any(|r| changed(&r.name, r.role).is_some())
+    {
         return Ok(dataset);
     }
-    let records = dataset.records.into_iter().map(|r| match changed(&r.name, r.role) {
-        Some(role) => r.with_role(role),
-        None => r,
-    });
-    let checked = Dataset::new(dataset.name, dataset.drive_min_v, dataset.drive_max_v, records.collect())?;
+    let records = dataset
+        .records
+        .into_iter()
+        .map(|r| match changed(&r.name, r.role) {
+            Some(role) => r.with_role(role),
+            None => r,
+        });
+    let checked = Dataset::new(
+        dataset.name,
+        dataset.drive_min_v,
+        dataset.drive_max_v,
+        records.collect(),
+    )?;
     let mut notes = dataset.notes;
     for note in &checked.notes {
         if !notes.contains(note) {
@@ -217,5 +313,12 @@ fn with_roles(dataset: Dataset, roles: &BTreeMap<String, Role>) -> Result<Datase
             issues.push(issue.clone());
         }
     }
-    Ok(Dataset { source: dataset.source, sensor_bandwidth_hz, sensor_lsb_um, notes, issues, ..checked })
+    Ok(Dataset {
+        source: dataset.source,
+        sensor_bandwidth_hz,
+        sensor_lsb_um,
+        notes,
+        issues,
+        ..checked
+    })
 }

@@ -44,9 +44,18 @@ impl Served for OnDisk {
         };
         let dataset = folder::load_as(&self.path, &instructions)?;
         let first = dataset.records.first().map(|record| record.source.clone());
-        let hints = readers::Hints { skip_rows: instructions.skip_rows.unwrap_or(0) };
-        let table =
-            first.map(|source| readers::read(&source, &folder::bytes(source.as_ref(), "the file of a record")?, hints)).transpose()?;
+        let hints = readers::Hints {
+            skip_rows: instructions.skip_rows.unwrap_or(0),
+        };
+        let table = first
+            .map(|source| {
+                readers::read(
+                    &source,
+                    &folder::bytes(source.as_ref(), "the file of a record")?,
+                    hints,
+                )
+            })
+            .transpose()?;
         UploadedRecording::of(dataset, None, table.as_ref(), said)
     }
 
@@ -55,7 +64,11 @@ impl Served for OnDisk {
     }
 
     fn base_effects(&self) -> Option<String> {
-        let folder = if self.path.is_dir() { self.path.as_path() } else { self.path.parent()? };
+        let folder = if self.path.is_dir() {
+            self.path.as_path()
+        } else {
+            self.path.parent()?
+        };
         std::fs::read_to_string(folder.join("base_effects.txt")).ok()
     }
 }

@@ -21,7 +21,9 @@ const PAGES_MAX: usize = 4;
 
 /// A lock, whoever broke off while holding it: what it guards is replaced whole.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    mutex
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 /// One page that is open.
@@ -77,7 +79,11 @@ impl Server {
         while !self.ended.load(Ordering::SeqCst) {
             if let Some(request) = self.local.receive() {
                 let server = Arc::clone(self);
-                std::thread::spawn(move || server.local.answer(request, |request| server.route(request)));
+                std::thread::spawn(move || {
+                    server
+                        .local
+                        .answer(request, |request| server.route(request))
+                });
             }
         }
     }
@@ -85,7 +91,9 @@ impl Server {
     /// Ends [`Self::serve`], and searches that go on at their next step.
     pub fn end(&self) {
         self.ended.store(true, Ordering::SeqCst);
-        locked(&self.desks).iter().for_each(|(_, desk)| desk.taken_back.store(true, Ordering::SeqCst));
+        locked(&self.desks)
+            .iter()
+            .for_each(|(_, desk)| desk.taken_back.store(true, Ordering::SeqCst));
         self.local.wake();
     }
 
@@ -97,11 +105,17 @@ impl Server {
             (Method::Get, "/") => (200, PAGE, self.page.clone().into_bytes()),
             (Method::Get, "/example") => {
                 let files: serde_json::Map<String, serde_json::Value> =
-                    hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), json!(text))).collect();
+                    hysteron_examples::HIDDEN_EFFECT
+                        .iter()
+                        .map(|(name, text)| ((*name).into(), json!(text)))
+                        .collect();
                 (200, JSON, json!(files).to_string().into_bytes())
             }
             (Method::Get, "/progress") => {
-                let steps = self.desk(page).map(|desk| std::mem::take(&mut *locked(&desk.steps))).unwrap_or_default();
+                let steps = self
+                    .desk(page)
+                    .map(|desk| std::mem::take(&mut *locked(&desk.steps)))
+                    .unwrap_or_default();
                 (200, JSON, format!("[{}]", steps.join(",")).into_bytes())
             }
             (Method::Post, "/cancel") => {
@@ -114,7 +128,11 @@ impl Server {
                 let mut question = Vec::new();
                 match request.as_reader().read_to_end(&mut question) {
                     Ok(_) => (200, "application/octet-stream", self.asked(page, &question)),
-                    Err(error) => (400, TEXT, format!("the question broke off: {error}\n").into_bytes()),
+                    Err(error) => (
+                        400,
+                        TEXT,
+                        format!("the question broke off: {error}\n").into_bytes(),
+                    ),
                 }
             }
             _ => (404, TEXT, b"there is nothing here\n".to_vec()),
@@ -124,7 +142,8 @@ impl Server {
     fn asked(&self, page: &str, question: &[u8]) -> Vec<u8> {
         let desk = self.desk(page).unwrap_or_else(|| self.new_desk(page));
         let mut session = locked(&desk.session);
-        desk.taken_back.store(self.ended.load(Ordering::SeqCst), Ordering::SeqCst);
+        desk.taken_back
+            .store(self.ended.load(Ordering::SeqCst), Ordering::SeqCst);
         locked(&desk.steps).clear();
         // A defect ends one question, not the lab: the page hands data and model to a new session.
         let answered = catch_unwind(AssertUnwindSafe(|| session.answer(question, &*desk)));
@@ -146,7 +165,10 @@ impl Server {
     }
 
     fn new_desk(&self, page: &str) -> Arc<Desk> {
-        let desk = Arc::new(Desk { session: Mutex::new(LabSession::serving(self.served.clone())), ..Desk::default() });
+        let desk = Arc::new(Desk {
+            session: Mutex::new(LabSession::serving(self.served.clone())),
+            ..Desk::default()
+        });
         let mut desks = locked(&self.desks);
         if desks.len() >= PAGES_MAX {
             desks.remove(0);

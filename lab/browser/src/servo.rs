@@ -47,15 +47,28 @@ fn refused(message: String) -> Error {
 }
 
 fn order(dataset: &Dataset, reference_hz: f64) -> DesignOrder<'_> {
-    DesignOrder { reference_hz, recording: Some(dataset), ..DesignOrder::default() }
+    DesignOrder {
+        reference_hz,
+        recording: Some(dataset),
+        ..DesignOrder::default()
+    }
 }
 
 /// Answers a question about a servo; `servo` is the one at hand.
 ///
 /// # Errors
 /// Why no servo is possible, or that no servo is designed yet.
-pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: &Model, dataset: &Dataset) -> Result<Answer> {
-    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("no servo yet; design one first".into()));
+pub fn answer(
+    question: &ServoQuestion,
+    servo: &mut Option<ServoDesign>,
+    model: &Model,
+    dataset: &Dataset,
+) -> Result<Answer> {
+    let at_hand = |servo: &Option<ServoDesign>| {
+        servo
+            .clone()
+            .ok_or_else(|| refused("no servo yet; design one first".into()))
+    };
     match *question {
         ServoQuestion::Design { reference_hz } => {
             *servo = None;
@@ -64,17 +77,25 @@ pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: 
             *servo = Some(design);
             Ok(answer)
         }
-        ServoQuestion::Follow { hz, amplitude_um } => follow(&at_hand(servo)?, model, hz, amplitude_um),
+        ServoQuestion::Follow { hz, amplitude_um } => {
+            follow(&at_hand(servo)?, model, hz, amplitude_um)
+        }
         ServoQuestion::Save {} => {
-            let text = toml::to_string_pretty(&at_hand(servo)?).map_err(|e| refused(e.to_string()))?;
+            let text =
+                toml::to_string_pretty(&at_hand(servo)?).map_err(|e| refused(e.to_string()))?;
             Ok(Answer::of(json!({ "text": text })))
         }
         ServoQuestion::Block { reference_hz } => {
             let front_end = FrontEnd::default();
-            let ordered = DesignOrder { front_end: Some(&front_end), ..order(dataset, reference_hz) };
+            let ordered = DesignOrder {
+                front_end: Some(&front_end),
+                ..order(dataset, reference_hz)
+            };
             let design = order::design(model, &ordered).map_err(refused)?;
             let bytes = block(&amplifier_parameters(&design, &front_end)?)?;
-            Ok(Answer::of(json!({ "commands": upload_lines(&bytes)?, "bytes": bytes })))
+            Ok(Answer::of(
+                json!({ "commands": upload_lines(&bytes)?, "bytes": bytes }),
+            ))
         }
     }
 }
@@ -82,8 +103,14 @@ pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: 
 /// A design with its margins on the model.
 fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<Answer> {
     let checked = commands::check_with(design, model, Some(dataset)).map_err(refused)?;
-    let response = checked.margins.as_ref().map(|m| m.response.as_slice()).unwrap_or_default();
-    let over = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| response.iter().map(value).collect::<Vec<f64>>();
+    let response = checked
+        .margins
+        .as_ref()
+        .map(|m| m.response.as_slice())
+        .unwrap_or_default();
+    let over = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| {
+        response.iter().map(value).collect::<Vec<f64>>()
+    };
     Ok(Answer {
         json: json!({
             "explanation": design.explanation,
@@ -100,7 +127,9 @@ fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<An
             over(&|p| p.complementary),
             design.trade_off.iter().map(|a| a.noise_um).collect(),
             design.trade_off.iter().map(|a| a.disturbance_um).collect(),
-            design.chosen.map_or_else(Vec::new, |a| vec![a.noise_um, a.disturbance_um]),
+            design
+                .chosen
+                .map_or_else(Vec::new, |a| vec![a.noise_um, a.disturbance_um]),
         ],
     })
 }
@@ -111,9 +140,15 @@ fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Re
     let reference = Reference::named(&name, design.period_s()).map_err(refused)?;
     let work = Work::default();
     let found = commands::follow(model, design, &reference, &name, &work).map_err(refused)?;
-    let band = commands::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;
+    let band =
+        commands::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;
     let step = commands::follow_step(model, design, &work).map_err(refused)?;
-    let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
+    let error_um = found
+        .sensor_um
+        .iter()
+        .zip(&found.reference_um)
+        .map(|(y, r)| y - r)
+        .collect();
     Ok(Answer {
         json: json!({
             "true_rms_um": found.truth.rms_um, "true_max_um": found.truth.max_um,
@@ -123,7 +158,14 @@ fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Re
             "step": step.step.as_ref().map(words::step),
             "step_from_s": step.time_s.first(),
         }),
-        columns: vec![found.reference_um, found.sensor_um, error_um, found.drive_v, step.reference_um, step.sensor_um],
+        columns: vec![
+            found.reference_um,
+            found.sensor_um,
+            error_um,
+            found.drive_v,
+            step.reference_um,
+            step.sensor_um,
+        ],
     })
 }
 

@@ -56,7 +56,11 @@ enum Question {
         said: Box<Said>,
     },
     /// Simulates a data set with hidden effects.
-    Plant { hidden: Vec<(String, f64)>, base: Vec<String>, seed: u64 },
+    Plant {
+        hidden: Vec<(String, f64)>,
+        base: Vec<String>,
+        seed: u64,
+    },
     /// Drive and reading of a record.
     Signals { record: usize },
     /// What a trial leaves of one record, and how well it meets all; `quick` leaves out the map of the other
@@ -117,11 +121,18 @@ pub struct LabSession {
 
 /// Cancelled work changes nothing: data and model stay as they were.
 fn unless_taken_back<T>(found: T, asker: &dyn Asker) -> Result<T> {
-    if asker.has_left() { Err(Error::Stopped) } else { Ok(found) }
+    if asker.has_left() {
+        Err(Error::Stopped)
+    } else {
+        Ok(found)
+    }
 }
 
 fn no_data() -> Error {
-    Error::new("", "there is no recording yet; drop one, or take the example")
+    Error::new(
+        "",
+        "there is no recording yet; drop one, or take the example",
+    )
 }
 
 fn no_model() -> Error {
@@ -132,14 +143,24 @@ impl LabSession {
     /// For a program that was started with a data set.
     #[must_use]
     pub fn serving(served: Option<Arc<dyn Served>>) -> Self {
-        Self { served, ..Self::default() }
+        Self {
+            served,
+            ..Self::default()
+        }
     }
 
     /// Answers a question: eight bytes with the length of its JSON, the JSON, the bytes of its files. An
     /// error is an answer too, with the key `error`; `knows_nothing` says that no data is at hand.
     pub fn answer(&mut self, question: &[u8], asker: &dyn Asker) -> Vec<u8> {
-        let answer = parts(question).and_then(|(question, bytes)| self.asked(question, bytes, asker));
-        answer.unwrap_or_else(|error| Answer::of(json!({ "error": error.to_string(), "knows_nothing": self.data.is_none() }))).bytes()
+        let answer =
+            parts(question).and_then(|(question, bytes)| self.asked(question, bytes, asker));
+        answer
+            .unwrap_or_else(|error| {
+                Answer::of(
+                    json!({ "error": error.to_string(), "knows_nothing": self.data.is_none() }),
+                )
+            })
+            .bytes()
     }
 
     fn asked(&mut self, question: Question, bytes: &[u8], asker: &dyn Asker) -> Result<Answer> {
@@ -151,15 +172,29 @@ impl LabSession {
                 Ok(self.opened(recording))
             }
             Question::Plant { hidden, base, seed } => {
-                let case = simulate_case(&CaseOrder { hidden, base, hysteresis: "hysteresis".into(), seed }, "hidden")?;
+                let case = simulate_case(
+                    &CaseOrder {
+                        hidden,
+                        base,
+                        hysteresis: "hysteresis".into(),
+                        seed,
+                    },
+                    "hidden",
+                )?;
                 self.read(&case.files, &Said::default())
             }
             Question::Signals { record } => Ok(answers::signals(self.record(record)?)),
-            Question::Compare { record, trial, quick } => self.compare(record, &trial, quick),
+            Question::Compare {
+                record,
+                trial,
+                quick,
+            } => self.compare(record, &trial, quick),
             Question::Series { record, trial } => {
                 let (record, model) = (self.record(record)?, self.tried(&trial)?);
                 let text = series::csv(record, &[("modelled", &model)]);
-                Ok(Answer::of(json!({ "text": text, "name": series::file_name(record) })))
+                Ok(Answer::of(
+                    json!({ "text": text, "name": series::file_name(record) }),
+                ))
             }
             Question::Keep { trial } => {
                 let model = self.tried(&trial)?;
@@ -173,24 +208,41 @@ impl LabSession {
             Question::Add { effect } => {
                 let effect = model_file::effect_named(&effect)?;
                 let model = self.model.clone().ok_or_else(no_model)?;
-                let found = add(&effect, model, &self.data()?.recording.dataset, &Teller(asker))?;
+                let found = add(
+                    &effect,
+                    model,
+                    &self.data()?.recording.dataset,
+                    &Teller(asker),
+                )?;
                 Ok(self.fitted(unless_taken_back(found, asker)?))
             }
             Question::Explain { from } => self.explain(from.as_deref(), asker),
             Question::Take { step } => {
-                let found = self.found.as_ref().ok_or_else(|| Error::new("", "nothing was looked for yet"))?;
+                let found = self
+                    .found
+                    .as_ref()
+                    .ok_or_else(|| Error::new("", "nothing was looked for yet"))?;
                 let last = found.steps.len() - 1;
-                let model = if step >= last { found.model.clone() } else { found.steps[step].judged.model.clone() };
+                let model = if step >= last {
+                    found.model.clone()
+                } else {
+                    found.steps[step].judged.model.clone()
+                };
                 Ok(Answer::of(answers::model(self.model.insert(model))))
             }
             Question::Servo { about } => {
                 let model = self.model.as_ref().ok_or_else(no_model)?;
                 let data = self.data.as_ref().ok_or_else(no_data)?;
-                unless_taken_back(servo::answer(&about, &mut self.servo, model, &data.recording.dataset)?, asker)
+                unless_taken_back(
+                    servo::answer(&about, &mut self.servo, model, &data.recording.dataset)?,
+                    asker,
+                )
             }
             Question::Save {} => {
                 let model = self.model.as_ref().ok_or_else(no_model)?;
-                Ok(Answer::of(json!({ "text": model_file::to_toml(model, &self.data()?.recording.dataset.name)? })))
+                Ok(Answer::of(
+                    json!({ "text": model_file::to_toml(model, &self.data()?.recording.dataset.name)? }),
+                ))
             }
             Question::Load { text, name } => {
                 let model = model_file::from_toml(&text, &name)?;
@@ -206,7 +258,8 @@ impl LabSession {
                     Some(found) => found.figures(dataset, seconds),
                     None => fit_figures(model, dataset, &data.floor, Vec::new(), &[], seconds),
                 };
-                let text = serde_json::to_string_pretty(&figures).map_err(|e| Error::new("figures", e))?;
+                let text =
+                    serde_json::to_string_pretty(&figures).map_err(|e| Error::new("figures", e))?;
                 Ok(Answer::of(json!({ "text": text + "\n" })))
             }
             Question::Report { of_search } => {
@@ -215,16 +268,22 @@ impl LabSession {
                 let report = match self.found.as_ref().filter(|_| of_search) {
                     Some(found) => explain_report(found, dataset, "the lab page".into()),
                     None => {
-                        let figures = fit_figures(model, dataset, &data.floor, Vec::new(), &[], 0.0);
+                        let figures =
+                            fit_figures(model, dataset, &data.floor, Vec::new(), &[], 0.0);
                         comparison_report(model, dataset, &figures, "the lab page".into())
                     }
                 };
-                Ok(Answer::of(json!({ "text": explain_page(&report).to_html() })))
+                Ok(Answer::of(
+                    json!({ "text": explain_page(&report).to_html() }),
+                ))
             }
             Question::Begin {} => {
                 let mut told = answers::effects();
                 if let (Value::Object(told), Some(served)) = (&mut told, &self.served) {
-                    told.insert("served".into(), json!({ "name": served.name(), "base_effects": served.base_effects() }));
+                    told.insert(
+                        "served".into(),
+                        json!({ "name": served.name(), "base_effects": served.base_effects() }),
+                    );
                 }
                 Ok(Answer::of(told))
             }
@@ -236,7 +295,12 @@ impl LabSession {
     }
 
     fn record(&self, index: usize) -> Result<&Record> {
-        self.data()?.recording.dataset.records.get(index).ok_or_else(|| Error::new("record", "there is no such record"))
+        self.data()?
+            .recording
+            .dataset
+            .records
+            .get(index)
+            .ok_or_else(|| Error::new("record", "there is no such record"))
     }
 
     fn read(&mut self, files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Answer> {
@@ -245,10 +309,17 @@ impl LabSession {
     }
 
     fn opened(&mut self, recording: UploadedRecording) -> Answer {
-        let (floor, split) = (noise_floor(&recording.dataset), Split::of(&recording.dataset));
+        let (floor, split) = (
+            noise_floor(&recording.dataset),
+            Split::of(&recording.dataset),
+        );
         let answer = Answer::of(answers::recording(&recording, &floor));
         self.found = None;
-        self.data = Some(Data { recording, floor, split });
+        self.data = Some(Data {
+            recording,
+            floor,
+            split,
+        });
         answer
     }
 
@@ -258,7 +329,8 @@ impl LabSession {
         for (effect, values) in model.effects.iter_mut().zip(trial.values.iter().flatten()) {
             for (parameter, value) in effect.parameters.iter_mut().zip(values) {
                 if *value != parameter.value && value.is_finite() {
-                    parameter.value = value.clamp(parameter.parameter.lower, parameter.parameter.upper);
+                    parameter.value =
+                        value.clamp(parameter.parameter.lower, parameter.parameter.upper);
                     parameter.std = None;
                 }
             }
@@ -270,16 +342,37 @@ impl LabSession {
     fn compare(&self, shown: usize, trial: &Trial, quick: bool) -> Result<Answer> {
         let (data, model) = (self.data()?, self.tried(trial)?);
         let (dataset, record) = (&data.recording.dataset, self.record(shown)?);
-        let residuals: Vec<Vec<f64>> = dataset.records.iter().map(|r| residual(&model, r)).collect();
+        let residuals: Vec<Vec<f64>> = dataset
+            .records
+            .iter()
+            .map(|r| residual(&model, r))
+            .collect();
         if residuals.iter().flatten().any(|e| !e.is_finite()) {
-            require_finite(&model, dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
+            require_finite(
+                &model,
+                dataset,
+                &(0..dataset.records.len()).collect::<Vec<_>>(),
+            )?;
         }
-        let counted: Vec<Vec<f64>> = dataset.records.iter().zip(&residuals).map(|(r, residual)| counted_of(r, residual)).collect();
+        let counted: Vec<Vec<f64>> = dataset
+            .records
+            .iter()
+            .zip(&residuals)
+            .map(|(r, residual)| counted_of(r, residual))
+            .collect();
         let over = |records: &[usize]| {
-            let (sum, count) = records.iter().fold((0.0, 0), |(s, n), i| (s + dot(&counted[*i], &counted[*i]), n + counted[*i].len()));
+            let (sum, count) = records.iter().fold((0.0, 0), |(s, n), i| {
+                (s + dot(&counted[*i], &counted[*i]), n + counted[*i].len())
+            });
             (count > 0).then(|| (sum / count as f64).sqrt())
         };
-        let row = |i: usize| if quick && i != shown { Value::Null } else { answers::map_row(dataset, &dataset.records[i], &residuals[i]) };
+        let row = |i: usize| {
+            if quick && i != shown {
+                Value::Null
+            } else {
+                answers::map_row(dataset, &dataset.records[i], &residuals[i])
+            }
+        };
         let map: Vec<Value> = (0..dataset.records.len()).map(row).collect();
         let mut drawn = residuals[shown].clone();
         fill_left_out(record, &mut drawn, 0.0);
@@ -290,13 +383,19 @@ impl LabSession {
             "fitted_um": over(&data.split.identify), "held_out_um": over(&data.split.validate),
             "map": map,
         });
-        Ok(Answer { json, columns: vec![drawn, spectrum.frequency_hz, spectrum.density] })
+        Ok(Answer {
+            json,
+            columns: vec![drawn, spectrum.frequency_hz, spectrum.density],
+        })
     }
 
     fn fitted(&mut self, found: Identification) -> Answer {
         let mut json = answers::model(&found.model);
         if let Value::Object(object) = &mut json {
-            let open = found.cannot_identify.iter().map(hysteron::diagnosis::words::cannot_identify);
+            let open = found
+                .cannot_identify
+                .iter()
+                .map(hysteron::diagnosis::words::cannot_identify);
             object.insert("cannot_identify".into(), json!(open.collect::<Vec<_>>()));
             object.insert("steps".into(), json!(step_figures(&found.steps)));
         }
@@ -311,7 +410,10 @@ impl LabSession {
             None => Start::Model(self.model.clone().ok_or_else(no_model)?),
         };
         let dataset = &self.data()?.recording.dataset;
-        let found = unless_taken_back(analyse(dataset, start, &Options::default(), &Teller(asker))?, asker)?;
+        let found = unless_taken_back(
+            analyse(dataset, start, &Options::default(), &Teller(asker))?,
+            asker,
+        )?;
         let answer = answers::explanation(&found, dataset, &found.figures(dataset, 0.0));
         self.model = Some(found.steps[0].judged.model.clone());
         // What was found is of the corrected recording, and so is all that the page shows beside it.
@@ -326,24 +428,40 @@ impl LabSession {
 /// A question and the bytes behind it.
 fn parts(question: &[u8]) -> Result<(Question, &[u8])> {
     let wrong = |what: String| Error::new("question", what);
-    let (length, rest) = question.split_first_chunk::<8>().ok_or_else(|| wrong("is cut off".into()))?;
+    let (length, rest) = question
+        .split_first_chunk::<8>()
+        .ok_or_else(|| wrong("is cut off".into()))?;
     let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-    let (text, bytes) = rest.split_at_checked(length).ok_or_else(|| wrong("is cut off".into()))?;
+    let (text, bytes) = rest
+        .split_at_checked(length)
+        .ok_or_else(|| wrong("is cut off".into()))?;
     // `{"ask": "read", ..}` as `{"read": {..}}`: a tag among the fields is not read where another crate asks
     // for numbers of any precision.
-    let mut fields: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
-    let asked = fields.remove("ask").and_then(|ask| ask.as_str().map(String::from)).unwrap_or_default();
+    let mut fields: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
+    let asked = fields
+        .remove("ask")
+        .and_then(|ask| ask.as_str().map(String::from))
+        .unwrap_or_default();
     let question = serde_json::Value::from(serde_json::Map::from_iter([(asked, fields.into())]));
-    Ok((serde_json::from_value(question).map_err(|e| wrong(e.to_string()))?, bytes))
+    Ok((
+        serde_json::from_value(question).map_err(|e| wrong(e.to_string()))?,
+        bytes,
+    ))
 }
 
 fn named_files(entries: &[FileEntry], bytes: &[u8]) -> Result<BTreeMap<String, Vec<u8>>> {
     let mut rest = bytes;
     let mut files = BTreeMap::new();
     for entry in entries {
-        let (file, after) = rest.split_at_checked(entry.bytes).ok_or_else(|| Error::new(&entry.name, "is cut off"))?;
+        let (file, after) = rest
+            .split_at_checked(entry.bytes)
+            .ok_or_else(|| Error::new(&entry.name, "is cut off"))?;
         if files.insert(entry.name.clone(), file.to_vec()).is_some() {
-            return Err(Error::new(&entry.name, "is there twice; expected files of different names"));
+            return Err(Error::new(
+                &entry.name,
+                "is there twice; expected files of different names",
+            ));
         }
         rest = after;
     }

@@ -11,11 +11,23 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Adds one effect and fits again.
-pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
+pub fn add(
+    effect: &str,
+    model: &Path,
+    path: &Path,
+    out: &Path,
+    reading: &ReadArguments,
+    outputs: &RecordingOutputs,
+) -> Result<bool> {
     let started = Instant::now();
     let desk = Desk::new(outputs.files.force);
     let requested = desk.effects(effect)?;
-    let [effect] = &requested[..] else { return Err(Error::new("effect", format!("expected one effect, got {}", requested.len()))) };
+    let [effect] = &requested[..] else {
+        return Err(Error::new(
+            "effect",
+            format!("expected one effect, got {}", requested.len()),
+        ));
+    };
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
     desk.target(Some(out))?;

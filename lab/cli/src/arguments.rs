@@ -47,9 +47,17 @@ impl SearchArguments {
     pub fn options(&self, desk: &Desk) -> Result<Options> {
         let policy = self.policy.as_ref().map_or_else(
             || Ok(Policy::default()),
-            |path| Policy::from_toml(&desk.text(path, "thresholds as TOML")?, &path.display().to_string()),
+            |path| {
+                Policy::from_toml(
+                    &desk.text(path, "thresholds as TOML")?,
+                    &path.display().to_string(),
+                )
+            },
         )?;
-        Ok(Options { own: desk.effects(&self.own)?, policy })
+        Ok(Options {
+            own: desk.effects(&self.own)?,
+            policy,
+        })
     }
 }
 
@@ -74,7 +82,9 @@ impl TimeArguments {
 
 fn seconds(given: &str) -> std::result::Result<Duration, String> {
     let seconds = given.parse().ok().filter(|seconds: &f64| *seconds > 0.0);
-    seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).ok_or_else(|| "expected a time in seconds above zero".to_owned())
+    seconds
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| "expected a time in seconds above zero".to_owned())
 }
 
 /// What the user specifies of the sensor for a servo's design.
@@ -95,7 +105,10 @@ impl Outputs {
     /// Where the drive that would decide between two explanations is written: beside the other outputs, if
     /// there are any.
     pub fn next_drive(&self) -> Option<PathBuf> {
-        self.report.as_ref().or(self.json.as_ref()).map(|beside| beside.with_extension("next_drive.csv"))
+        self.report
+            .as_ref()
+            .or(self.json.as_ref())
+            .map(|beside| beside.with_extension("next_drive.csv"))
     }
 }
 
@@ -114,17 +127,33 @@ impl RecordingOutputs {
     /// Takes the files as targets.
     pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
         let names: Vec<String> = dataset.records.iter().map(series::file_name).collect();
-        self.series.as_ref().map_or(Ok(()), |folder| desk.folder(folder, &names))?;
+        self.series
+            .as_ref()
+            .map_or(Ok(()), |folder| desk.folder(folder, &names))?;
         self.files.check(desk)
     }
 
     /// Writes the signals, if they are wanted, beside those of models by name.
-    pub fn write_series(&self, desk: &Desk, dataset: &Dataset, models: &[series::Named]) -> Result<()> {
-        let Some(folder) = &self.series else { return Ok(()) };
+    pub fn write_series(
+        &self,
+        desk: &Desk,
+        dataset: &Dataset,
+        models: &[series::Named],
+    ) -> Result<()> {
+        let Some(folder) = &self.series else {
+            return Ok(());
+        };
         for record in &dataset.records {
-            desk.write(&folder.join(series::file_name(record)), series::csv(record, models).as_bytes())?;
+            desk.write(
+                &folder.join(series::file_name(record)),
+                series::csv(record, models).as_bytes(),
+            )?;
         }
-        println!("Signals of {} records: {}", dataset.records.len(), folder.display());
+        println!(
+            "Signals of {} records: {}",
+            dataset.records.len(),
+            folder.display()
+        );
         Ok(())
     }
 }
@@ -151,5 +180,8 @@ impl StudyOutputs {
 /// The command line as it was typed, for pages.
 pub fn as_typed() -> String {
     let words = std::env::args().skip(1);
-    std::iter::once("hysteron".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+    std::iter::once("hysteron".to_owned())
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join(" ")
 }

@@ -78,7 +78,11 @@ pub enum AxesCommand {
     /// Search simulated stages and compare with what was planted in them
     Score {
         /// What to plant, comma-separated
-        #[arg(long, value_delimiter = ',', default_value = "coupling,mode_of_one_drive,friction")]
+        #[arg(
+            long,
+            value_delimiter = ',',
+            default_value = "coupling,mode_of_one_drive,friction"
+        )]
         effects: Vec<String>,
         /// Stages of each
         #[arg(long, default_value_t = 20)]
@@ -95,21 +99,58 @@ pub enum AxesCommand {
 /// Does it.
 pub fn axes(command: AxesCommand) -> Result<bool> {
     match command {
-        AxesCommand::Explain { dataset, from, out, verbose, time, outputs } => {
-            explain(&dataset, from.as_deref(), out.as_deref(), &Manner { verbose, time }, &outputs)
-        }
+        AxesCommand::Explain {
+            dataset,
+            from,
+            out,
+            verbose,
+            time,
+            outputs,
+        } => explain(
+            &dataset,
+            from.as_deref(),
+            out.as_deref(),
+            &Manner { verbose, time },
+            &outputs,
+        ),
 
-        AxesCommand::Decouple { model, hidden_coupling, reference_hz, amplitude, outputs } => {
-            decouple(&model, &Reference { hidden_coupling, hz: reference_hz, amplitude }, &outputs)
-        }
-        AxesCommand::Plant { effect, out, seed, force } => plant(&effect, &out, seed, force),
-        AxesCommand::Score { effects, cases, out, force } => score(&effects, cases, out.as_deref(), force),
+        AxesCommand::Decouple {
+            model,
+            hidden_coupling,
+            reference_hz,
+            amplitude,
+            outputs,
+        } => decouple(
+            &model,
+            &Reference {
+                hidden_coupling,
+                hz: reference_hz,
+                amplitude,
+            },
+            &outputs,
+        ),
+        AxesCommand::Plant {
+            effect,
+            out,
+            seed,
+            force,
+        } => plant(&effect, &out, seed, force),
+        AxesCommand::Score {
+            effects,
+            cases,
+            out,
+            force,
+        } => score(&effects, cases, out.as_deref(), force),
     }
 }
 
 /// The manifest of a data set, if its columns are lists.
 fn manifest_of(path: &Path) -> Option<(PathBuf, String)> {
-    let file = if path.is_dir() { path.join("dataset.toml") } else { path.to_path_buf() };
+    let file = if path.is_dir() {
+        path.join("dataset.toml")
+    } else {
+        path.to_path_buf()
+    };
     if file.extension().is_none_or(|extension| extension != "toml") {
         return None;
     }
@@ -130,12 +171,20 @@ fn load(desk: &Desk, path: &Path) -> Result<AxesData> {
         ));
     };
     let text = desk.text(&file, "a manifest")?;
-    let beside = file.parent().unwrap_or_else(|| Path::new(".")).to_path_buf();
-    manifest::from_manifest(&text, &file.display().to_string(), &|name| desk.bytes(&beside.join(name), "the file of a record"))
+    let beside = file
+        .parent()
+        .unwrap_or_else(|| Path::new("."))
+        .to_path_buf();
+    manifest::from_manifest(&text, &file.display().to_string(), &|name| {
+        desk.bytes(&beside.join(name), "the file of a record")
+    })
 }
 
 fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
-    AxesModel::from_toml(&desk.text(path, "a model written by `hysteron axes explain`")?, &path.display().to_string())
+    AxesModel::from_toml(
+        &desk.text(path, "a model written by `hysteron axes explain`")?,
+        &path.display().to_string(),
+    )
 }
 
 /// How a search is done.
@@ -147,7 +196,13 @@ pub struct Manner {
 }
 
 /// Searches a data set.
-pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Manner, outputs: &Outputs) -> Result<bool> {
+pub fn explain(
+    path: &Path,
+    from: Option<&Path>,
+    out: Option<&Path>,
+    manner: &Manner,
+    outputs: &Outputs,
+) -> Result<bool> {
     let started = Instant::now();
     let desk = Desk::new(outputs.force);
     let data = load(&desk, path)?;
@@ -155,7 +210,9 @@ pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Ma
         None => Described::empty(&data),
         Some(from) => {
             let model = read_model(&desk, from)?;
-            if (model.stage.drives.len(), model.stage.sensors.len()) != (data.drives.len(), data.sensors.len()) {
+            if (model.stage.drives.len(), model.stage.sensors.len())
+                != (data.drives.len(), data.sensors.len())
+            {
                 return Err(wrong(
                     from,
                     format!(
@@ -167,20 +224,39 @@ pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Ma
                     ),
                 ));
             }
-            Described { stage: model.stage, effects: model.effects }
+            Described {
+                stage: model.stage,
+                effects: model.effects,
+            }
         }
     };
     desk.target(out)?;
     outputs.check(&desk)?;
     let progress = Progress::of_search(manner.verbose);
-    let found = manner.time.beside(&progress, |watch| find(&data, &start, &AxesPolicy::default(), watch))?;
+    let found = manner.time.beside(&progress, |watch| {
+        find(&data, &start, &AxesPolicy::default(), watch)
+    })?;
     drop(progress);
     let figures = figures(&found, &data, started.elapsed().as_secs_f64());
-    let unit = if figures.error_in == "noise" { "x the noise" } else { "of the reading" };
-    println!("{}: {} drives, {} sensors", data.name, data.drives.len(), data.sensors.len());
+    let unit = if figures.error_in == "noise" {
+        "x the noise"
+    } else {
+        "of the reading"
+    };
+    println!(
+        "{}: {} drives, {} sensors",
+        data.name,
+        data.drives.len(),
+        data.sensors.len()
+    );
     for effect in &figures.named {
-        let or = effect.or.iter().fold(String::new(), |text, other| format!("{text}\n      or {other}"));
-        println!("  {:<20} {:<48} without it {:.3} {unit}{or}", effect.effect, effect.channel, effect.error_without);
+        let or = effect.or.iter().fold(String::new(), |text, other| {
+            format!("{text}\n      or {other}")
+        });
+        println!(
+            "  {:<20} {:<48} without it {:.3} {unit}{or}",
+            effect.effect, effect.channel, effect.error_without
+        );
     }
     for sensor in &figures.sensors {
         println!(
@@ -188,13 +264,25 @@ pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Ma
             sensor.sensor, sensor.held_out_rms, data.sensor_unit, sensor.held_out_pct
         );
     }
-    println!("  error {:.3} {unit}, {} parameters, {:.0} s", figures.error, figures.parameters, figures.seconds);
+    println!(
+        "  error {:.3} {unit}, {} parameters, {:.0} s",
+        figures.error, figures.parameters, figures.seconds
+    );
     if let Some(out) = out {
-        desk.write(out, AxesModel::new(&found.model, &data).to_toml()?.as_bytes())?;
+        desk.write(
+            out,
+            AxesModel::new(&found.model, &data).to_toml()?.as_bytes(),
+        )?;
     }
     desk.write_json(outputs.json.as_deref(), &figures)?;
     desk.write_page(outputs.report.as_deref(), || {
-        axes_page(&figures, &data, &found.model.stage, &response_matrix(&data, &found.model), as_typed())
+        axes_page(
+            &figures,
+            &data,
+            &found.model.stage,
+            &response_matrix(&data, &found.model),
+            as_typed(),
+        )
     })?;
     Ok(true)
 }
@@ -220,7 +308,13 @@ fn with_hidden_coupling(stage: &ModalStage, share: f64) -> ModalStage {
     let mut hidden = stage.clone();
     for mode in &mut hidden.modes {
         let largest = mode.of_drives.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
-        mode.of_drives.iter_mut().for_each(|of_drive| *of_drive += if of_drive.abs() < largest { share * largest } else { 0.0 });
+        mode.of_drives.iter_mut().for_each(|of_drive| {
+            *of_drive += if of_drive.abs() < largest {
+                share * largest
+            } else {
+                0.0
+            }
+        });
     }
     hidden
 }
@@ -233,7 +327,10 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
     let model = read_model(&desk, path)?;
     outputs.check(&desk)?;
     if !(reference.hz > 0.0 && reference.amplitude > 0.0 && reference.hidden_coupling.is_finite()) {
-        return Err(Error::new("--reference-hz, --amplitude", "expected numbers above zero"));
+        return Err(Error::new(
+            "--reference-hz, --amplitude",
+            "expected numbers above zero",
+        ));
     }
     let hidden = with_hidden_coupling(&model.stage, reference.hidden_coupling);
     let mut all = Vec::new();
@@ -241,11 +338,16 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
         "{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {}",
         model.name, model.sample_rate_hz, reference.hz, reference.hidden_coupling
     );
-    println!("  {:<8} {:<7} {:>15} {:>11} {:>12} {:>10}", "", "stage", "spectral radius", "sensitivity", "own error %", "others %");
+    println!(
+        "  {:<8} {:<7} {:>15} {:>11} {:>12} {:>10}",
+        "", "stage", "spectral radius", "sensitivity", "own error %", "others %"
+    );
     for decoupling in [Decoupling::Static, Decoupling::Modal] {
         let servo = AxesServo::design(&model.stage, decoupling, 1.0 / model.sample_rate_hz)?;
         let track = |stage: &ModalStage| -> Vec<AxesTrack> {
-            (0..stage.sensors.len()).map(|axis| servo.track(stage, axis, reference.amplitude, reference.hz, TURNS)).collect()
+            (0..stage.sensors.len())
+                .map(|axis| servo.track(stage, axis, reference.amplitude, reference.hz, TURNS))
+                .collect()
         };
         let figures = DecoupledFigures {
             on_model: servo.check(&model.stage),
@@ -254,10 +356,12 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
             track_hidden: track(&hidden),
             servo,
         };
-        for (stage, check, track) in
-            [("model", &figures.on_model, &figures.track_model), ("hidden", &figures.on_hidden, &figures.track_hidden)]
-        {
-            let worst = |of: fn(&AxesTrack) -> f64| 100.0 * track.iter().map(of).fold(0.0_f64, f64::max);
+        for (stage, check, track) in [
+            ("model", &figures.on_model, &figures.track_model),
+            ("hidden", &figures.on_hidden, &figures.track_hidden),
+        ] {
+            let worst =
+                |of: fn(&AxesTrack) -> f64| 100.0 * track.iter().map(of).fold(0.0_f64, f64::max);
             println!(
                 "  {:<8} {:<7} {:>15.5} {:>11.2} {:>12.2} {:>10.2}",
                 decoupling.name(),
@@ -271,7 +375,9 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
         all.push(figures);
     }
     desk.write_json(outputs.json.as_deref(), &all)?;
-    Ok(all.iter().all(|figures| figures.on_model.spectral_radius < 1.0 && figures.on_hidden.spectral_radius < 1.0))
+    Ok(all.iter().all(|figures| {
+        figures.on_model.spectral_radius < 1.0 && figures.on_hidden.spectral_radius < 1.0
+    }))
 }
 
 fn plant(effect: &str, out: &Path, seed: u64, force: bool) -> Result<bool> {
@@ -285,7 +391,12 @@ fn plant(effect: &str, out: &Path, seed: u64, force: bool) -> Result<bool> {
     let mut text = format!("name = \"simulated stage of three axes, seed {seed}\"\n");
     for (n, record) in planted.periods(seed).iter().enumerate() {
         desk.write(&out.join(file(n)), csv(record).as_bytes())?;
-        let list = |what: &str, count: usize| (1..=count).map(|i| format!("\"{what}{i}\"")).collect::<Vec<_>>().join(", ");
+        let list = |what: &str, count: usize| {
+            (1..=count)
+                .map(|i| format!("\"{what}{i}\""))
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
         let _ = write!(
             text,
             "\n[[record]]\nfile = \"{}\"\nname = \"{}\"\nsample_rate_hz = {:.1}\nrole = \"{}\"\nperiod_s = {}\ncolumns = {{ u = [{}], y = [{}] }}\n",
@@ -300,16 +411,30 @@ fn plant(effect: &str, out: &Path, seed: u64, force: bool) -> Result<bool> {
     }
     desk.write(&out.join("dataset.toml"), text.as_bytes())?;
     let truth = toml::to_string(&planted.stage).map_err(|e| Error::new("truth.toml", e))?;
-    desk.write(&out.join("truth.toml"), format!("# {}\n{truth}", planted.truth).as_bytes())?;
-    println!("{} records, {}: {}", records.len(), planted.truth, out.display());
+    desk.write(
+        &out.join("truth.toml"),
+        format!("# {}\n{truth}", planted.truth).as_bytes(),
+    )?;
+    println!(
+        "{} records, {}: {}",
+        records.len(),
+        planted.truth,
+        out.display()
+    );
     Ok(true)
 }
 
 fn csv(record: &AxesRecord) -> String {
-    let heads = (1..=record.drives.len()).map(|j| format!("u{j}")).chain((1..=record.readings.len()).map(|i| format!("y{i}")));
+    let heads = (1..=record.drives.len())
+        .map(|j| format!("u{j}"))
+        .chain((1..=record.readings.len()).map(|i| format!("y{i}")));
     let mut text = heads.collect::<Vec<_>>().join(",") + "\n";
     for k in 0..record.drives[0].len() {
-        let row = record.drives.iter().chain(&record.readings).map(|signal| format!("{:.7e}", signal[k]));
+        let row = record
+            .drives
+            .iter()
+            .chain(&record.readings)
+            .map(|signal| format!("{:.7e}", signal[k]));
         text += &(row.collect::<Vec<_>>().join(",") + "\n");
     }
     text
@@ -318,21 +443,29 @@ fn csv(record: &AxesRecord) -> String {
 fn score(effects: &[String], cases: u64, out: Option<&Path>, force: bool) -> Result<bool> {
     let desk = Desk::new(force);
     desk.target(out)?;
-    let plants = effects.iter().map(|name| AxisPlant::named(name.trim())).collect::<Result<Vec<_>>>()?;
+    let plants = effects
+        .iter()
+        .map(|name| AxisPlant::named(name.trim()))
+        .collect::<Result<Vec<_>>>()?;
     let progress = Progress::start();
     let mut table = format!("{}\n", JudgedStage::COLUMNS);
-    println!("{:<20} {:>6} {:>8} {:>10} {:>22} {:>9}", "planted", "stages", "named", "with \"or\"", "with a name too many", "seconds");
+    println!(
+        "{:<20} {:>6} {:>8} {:>10} {:>22} {:>9}",
+        "planted", "stages", "named", "with \"or\"", "with a name too many", "seconds"
+    );
     for plant in plants {
         let started = Instant::now();
         let mut judged: Vec<JudgedStage> = Vec::new();
         for seed in 1..=cases {
             progress.say(&format!("{}, stage {seed} of {cases}", plant.name()));
             let began = Instant::now();
-            let this = planted_stage(plant, seed).search(&AxesPolicy::default(), &progress as &dyn Watch)?;
+            let this = planted_stage(plant, seed)
+                .search(&AxesPolicy::default(), &progress as &dyn Watch)?;
             table += &(this.row(plant, seed, began.elapsed().as_secs_f64()) + "\n");
             judged.push(this);
         }
-        let count = |of: fn(&JudgedStage) -> bool| judged.iter().filter(|judged| of(judged)).count();
+        let count =
+            |of: fn(&JudgedStage) -> bool| judged.iter().filter(|judged| of(judged)).count();
         println!(
             "{:<20} {:>6} {:>8} {:>10} {:>22} {:>9.0}",
             plant.name(),

@@ -222,7 +222,10 @@ impl LineArguments {
         match (&self.port, &self.tcp) {
             (Some(name), _) => Ok(Address::Serial(name.clone())),
             (None, Some(name)) => Address::tcp(name).map_err(of_board),
-            (None, None) => Err(Error::new("--port, --tcp", "one of them is needed: where the board is")),
+            (None, None) => Err(Error::new(
+                "--port, --tcp",
+                "one of them is needed: where the board is",
+            )),
         }
     }
 
@@ -238,7 +241,12 @@ struct WiringArguments {
     #[arg(long, value_name = "FILE")]
     front_end: Option<PathBuf>,
     /// Lowest drive of the actuator, V
-    #[arg(long, default_value_t = 0.0, value_name = "V", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        value_name = "V",
+        allow_negative_numbers = true
+    )]
     drive_min_v: f64,
     /// Highest drive of the actuator, V
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
@@ -248,7 +256,10 @@ struct WiringArguments {
 impl WiringArguments {
     fn front_end(&self, desk: &Desk) -> Result<FrontEnd> {
         match &self.front_end {
-            Some(path) => FrontEnd::from_toml(&desk.text(path, "the wiring of the converters")?, &path.display().to_string()),
+            Some(path) => FrontEnd::from_toml(
+                &desk.text(path, "the wiring of the converters")?,
+                &path.display().to_string(),
+            ),
             None => Ok(FrontEnd::default()),
         }
     }
@@ -257,10 +268,14 @@ impl WiringArguments {
     fn limits_v(&self) -> Result<(f64, f64)> {
         match self.drive_max_v {
             Some(high_v) if self.drive_min_v < high_v => Ok((self.drive_min_v, high_v)),
-            Some(high_v) => Err(Error::new("--drive-max-v", format!("{high_v} is not above --drive-min-v {}", self.drive_min_v))),
-            None => {
-                Err(Error::new("--drive-max-v", "is needed: the highest voltage that the actuator stands; nothing on the board knows it"))
-            }
+            Some(high_v) => Err(Error::new(
+                "--drive-max-v",
+                format!("{high_v} is not above --drive-min-v {}", self.drive_min_v),
+            )),
+            None => Err(Error::new(
+                "--drive-max-v",
+                "is needed: the highest voltage that the actuator stands; nothing on the board knows it",
+            )),
         }
     }
 }
@@ -271,18 +286,23 @@ fn of_board(problem: hysteron_client::Error) -> Error {
 }
 
 /// What a command needs that another program does, where it is not there.
-const PROBE_NEEDED: &str =
-    "It is done by `hysteron-probe`: in the project's folder `cargo install --path board/probe --locked` installs it.";
-const BOARD_NEEDED: &str = "It is done by `hysteron-board`: `cargo xtask firmware` and `cargo xtask board` build it.";
+const PROBE_NEEDED: &str = "It is done by `hysteron-probe`: in the project's folder `cargo install --path board/probe --locked` installs it.";
+const BOARD_NEEDED: &str =
+    "It is done by `hysteron-board`: `cargo xtask firmware` and `cargo xtask board` build it.";
 
 /// Runs it.
 pub fn run(words: &[OsString]) -> ExitCode {
-    let first = words.first().and_then(|word| word.to_str()).unwrap_or("--help");
+    let first = words
+        .first()
+        .and_then(|word| word.to_str())
+        .unwrap_or("--help");
     if is_for_probe(words) {
         return pass_on("hysteron-probe", words, PROBE_NEEDED);
     }
     if first == "record" && names_probe(words) {
-        return record_over_probe::record(words, |words| pass_on("hysteron-probe", words, PROBE_NEEDED));
+        return record_over_probe::record(words, |words| {
+            pass_on("hysteron-probe", words, PROBE_NEEDED)
+        });
     }
     if first == "emulate" {
         return pass_on("hysteron-board", words, BOARD_NEEDED);
@@ -295,7 +315,11 @@ pub fn run(words: &[OsString]) -> ExitCode {
         Err(error) => {
             // Where printing fails, no way is left to report it.
             let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+            return if error.use_stderr() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::SUCCESS
+            };
         }
     };
     match obey(arguments.command) {
@@ -310,17 +334,62 @@ pub fn run(words: &[OsString]) -> ExitCode {
 
 fn obey(command: BoardCommand) -> Result<bool> {
     match command {
-        BoardCommand::Tune { out, wiring, reference_hz, sensor, line, force } => {
-            tune::tune(&out, &wiring, &tune::TuneRequest { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
-        }
-        BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
-        BoardCommand::Sweep { out, from_hz, to_hz, amplitude_v, offset_v, wiring, line, force } => {
-            sweep::sweep(&out, &sweep::SweepRequest { from_hz, to_hz, amplitude_v, offset_v }, &wiring, &line, force)
-        }
-        BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
+        BoardCommand::Tune {
+            out,
+            wiring,
+            reference_hz,
+            sensor,
+            line,
+            force,
+        } => tune::tune(
+            &out,
+            &wiring,
+            &tune::TuneRequest {
+                reference_hz,
+                sensor_bandwidth_hz: sensor.sensor_bandwidth_hz,
+            },
+            &line,
+            force,
+        ),
+        BoardCommand::Record {
+            out,
+            wiring,
+            line,
+            force,
+        } => record::record(&out, &wiring, &line, force),
+        BoardCommand::Sweep {
+            out,
+            from_hz,
+            to_hz,
+            amplitude_v,
+            offset_v,
+            wiring,
+            line,
+            force,
+        } => sweep::sweep(
+            &out,
+            &sweep::SweepRequest {
+                from_hz,
+                to_hz,
+                amplitude_v,
+                offset_v,
+            },
+            &wiring,
+            &line,
+            force,
+        ),
+        BoardCommand::Scope {
+            listen,
+            no_open,
+            line,
+        } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
         BoardCommand::Update { image, line } => update::update(&image, &line),
-        BoardCommand::Envelope { file, checksum, line } => envelope::envelope(&file, checksum.as_deref(), &line),
+        BoardCommand::Envelope {
+            file,
+            checksum,
+            line,
+        } => envelope::envelope(&file, checksum.as_deref(), &line),
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),
         BoardCommand::Attach { line } => attach::attach(&line),
@@ -352,15 +421,25 @@ fn is_probe(word: &str) -> bool {
 /// Hands the words to a program beside this one, or on the path, and ends as it ends.
 fn pass_on(name: &str, words: &[OsString], how_to_get_it: &str) -> ExitCode {
     let name = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-    let beside = std::env::current_exe().map(|this| this.with_file_name(&name)).ok().filter(|beside| beside.is_file());
+    let beside = std::env::current_exe()
+        .map(|this| this.with_file_name(&name))
+        .ok()
+        .filter(|beside| beside.is_file());
     let program = beside.unwrap_or_else(|| PathBuf::from(&name));
     match Command::new(&program).args(words).status() {
-        Ok(status) => ExitCode::from(status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1)),
+        Ok(status) => ExitCode::from(
+            status
+                .code()
+                .and_then(|code| u8::try_from(code).ok())
+                .unwrap_or(1),
+        ),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             if words.iter().any(|word| word == "--help" || word == "-h") && say_own_help(words) {
                 return ExitCode::SUCCESS;
             }
-            eprintln!("error: {name} is neither beside this program nor on the path. {how_to_get_it}");
+            eprintln!(
+                "error: {name} is neither beside this program nor on the path. {how_to_get_it}"
+            );
             ExitCode::from(2)
         }
         Err(error) => {
@@ -374,7 +453,10 @@ fn pass_on(name: &str, words: &[OsString], how_to_get_it: &str) -> ExitCode {
 fn say_own_help(words: &[OsString]) -> bool {
     let mut whole = BoardArguments::command();
     whole.build();
-    let command = words.first().and_then(|word| word.to_str()).and_then(|name| whole.find_subcommand_mut(name));
+    let command = words
+        .first()
+        .and_then(|word| word.to_str())
+        .and_then(|name| whole.find_subcommand_mut(name));
     // Where printing fails, no way is left to report it.
     command.map(|command| command.print_long_help()).is_some()
 }
@@ -386,10 +468,20 @@ mod tests {
     #[test]
     fn what_goes_over_the_probe_is_known_by_its_words() {
         let words = |text: &str| text.split(' ').map(OsString::from).collect::<Vec<_>>();
-        for text in ["flash image.elf", "flash", "attach --probe image.elf", "attach image.elf --probe=0483:374e"] {
+        for text in [
+            "flash image.elf",
+            "flash",
+            "attach --probe image.elf",
+            "attach image.elf --probe=0483:374e",
+        ] {
             assert!(is_for_probe(&words(text)), "{text}");
         }
-        for text in ["attach --port /dev/ttyACM0", "scope --tcp 127.0.0.1:1", "emulate", "status --probe"] {
+        for text in [
+            "attach --port /dev/ttyACM0",
+            "scope --tcp 127.0.0.1:1",
+            "emulate",
+            "status --probe",
+        ] {
             assert!(!is_for_probe(&words(text)), "{text}");
         }
     }

@@ -8,9 +8,18 @@ use std::path::Path;
 /// Decodes a target's log into a data set.
 pub fn capture(elf: &Path, raw: &Path, out: &Path, force: bool) -> Result<bool> {
     let desk = Desk::new(force);
-    let (image, log) = (desk.bytes(elf, "the image that was flashed")?, desk.bytes(raw, "the raw bytes of its log channel")?);
+    let (image, log) = (
+        desk.bytes(elf, "the image that was flashed")?,
+        desk.bytes(raw, "the raw bytes of its log channel")?,
+    );
     let (summary, files) = hysteron::capture::capture(&image, &log)?;
-    desk.folder(out, &files.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>())?;
+    desk.folder(
+        out,
+        &files
+            .iter()
+            .map(|(name, _)| name.clone())
+            .collect::<Vec<_>>(),
+    )?;
     for (name, bytes) in &files {
         desk.write(&out.join(name), bytes)?;
     }

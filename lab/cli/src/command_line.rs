@@ -3,7 +3,9 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
-use crate::arguments::{Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
+use crate::arguments::{
+    Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments,
+};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
@@ -15,8 +17,8 @@ use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
 use crate::{
-    add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate,
-    track,
+    add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build,
+    identify, plant, score, screen, simulate, track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -29,7 +31,12 @@ use std::process::ExitCode;
 
 /// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
 #[derive(Parser)]
-#[command(name = "hysteron", version, max_term_width = 100, arg_required_else_help = true)]
+#[command(
+    name = "hysteron",
+    version,
+    max_term_width = 100,
+    arg_required_else_help = true
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -63,7 +70,9 @@ enum Command {
         outputs: StudyOutputs,
     },
     /// Fit a list of effects to a data set
-    #[command(after_help = "Example:\n  hysteron identify my_stage --effects hysteresis,initial_curve,vibration,creep --out model.toml")]
+    #[command(
+        after_help = "Example:\n  hysteron identify my_stage --effects hysteresis,initial_curve,vibration,creep --out model.toml"
+    )]
     Identify {
         /// Data set
         dataset: PathBuf,
@@ -79,7 +88,9 @@ enum Command {
         outputs: StudyOutputs,
     },
     /// Compare a model with a data set as it is
-    #[command(after_help = "Example:\n  hysteron compare model.toml other_day.csv --report compare.html")]
+    #[command(
+        after_help = "Example:\n  hysteron compare model.toml other_day.csv --report compare.html"
+    )]
     Compare {
         /// Model file
         model: PathBuf,
@@ -91,7 +102,9 @@ enum Command {
         outputs: RecordingOutputs,
     },
     /// Say which physical effect a model misses on a data set
-    #[command(after_help = "Example:\n  hysteron diagnose model.toml other_day.csv --json diagnosis.json")]
+    #[command(
+        after_help = "Example:\n  hysteron diagnose model.toml other_day.csv --json diagnosis.json"
+    )]
     Diagnose {
         /// Model file
         model: PathBuf,
@@ -124,7 +137,9 @@ enum Command {
         outputs: RecordingOutputs,
     },
     /// What a model's sensor would read under a drive
-    #[command(after_help = "Example:\n  hysteron simulate model.toml --drive triangle:200:60:2 --out simulated.csv")]
+    #[command(
+        after_help = "Example:\n  hysteron simulate model.toml --drive triangle:200:60:2 --out simulated.csv"
+    )]
     Simulate {
         /// Model file
         model: PathBuf,
@@ -189,7 +204,10 @@ enum Command {
     },
     /// Work with the amplifier's board: tune, record, upload, status, send, attach; emulate runs the program
     /// that `cargo xtask board` builds
-    #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80")]
+    #[command(
+        disable_help_flag = true,
+        after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
+    )]
     Board {
         /// What to do: `hysteron board --help` says more
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
@@ -210,7 +228,9 @@ enum Command {
         force: bool,
     },
     /// Design a servo for an identified model, with margins, and write its parameters
-    #[command(after_help = "Example:\n  hysteron design model.toml --data my_stage --reference-hz 50 --out servo.toml --block servo.block")]
+    #[command(
+        after_help = "Example:\n  hysteron design model.toml --data my_stage --reference-hz 50 --out servo.toml --block servo.block"
+    )]
     Design {
         /// Model file
         model: PathBuf,
@@ -242,7 +262,12 @@ enum Command {
         sensitivity_peak: Option<f64>,
         /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load
         /// that changes
-        #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true)]
+        #[arg(
+            long,
+            value_name = "SHARE",
+            default_value_t = 0.0,
+            allow_negative_numbers = true
+        )]
         mode_moves: f64,
         /// Let the servo learn the correction of a periodic reference
         #[arg(long)]
@@ -284,7 +309,9 @@ enum Command {
         outputs: Outputs,
     },
     /// Follow a reference with a servo on an identified model
-    #[command(after_help = "Example:\n  hysteron track model.toml servo.toml --reference sine:50:5:5.6 --report track.html")]
+    #[command(
+        after_help = "Example:\n  hysteron track model.toml servo.toml --reference sine:50:5:5.6 --report track.html"
+    )]
     Track {
         /// Model file and servo file, in either order
         model: PathBuf,
@@ -305,7 +332,12 @@ enum Command {
         #[arg(long, value_name = "FORCE")]
         disturbance: Option<String>,
         /// Mass added to the moving part, as a ratio to it
-        #[arg(long, value_name = "RATIO", default_value_t = 0.0, allow_negative_numbers = true)]
+        #[arg(
+            long,
+            value_name = "RATIO",
+            default_value_t = 0.0,
+            allow_negative_numbers = true
+        )]
         added_mass: f64,
         /// Capacitance of the actuator: prints the current that the drive takes
         #[arg(long, value_name = "UF", allow_negative_numbers = true)]
@@ -336,7 +368,9 @@ enum Command {
         outputs: Outputs,
     },
     /// Every effect of the library: its physics, what it does to a reading, what looks like it
-    #[command(after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md")]
+    #[command(
+        after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md"
+    )]
     Effects {
         /// Write the equations, the parameters and the discretisation of every effect as Markdown, and
         /// nothing else
@@ -373,7 +407,9 @@ enum Command {
 
 /// A value such as `-5` is a number for every command, not an option that does not exist.
 fn taking_negative_numbers(command: clap::Command) -> clap::Command {
-    command.allow_negative_numbers(true).mut_subcommands(taking_negative_numbers)
+    command
+        .allow_negative_numbers(true)
+        .mut_subcommands(taking_negative_numbers)
 }
 
 /// The schemes with a sentence each, for the long help and for shells.
@@ -385,7 +421,11 @@ fn scheme_names() -> PossibleValuesParser {
 fn choice_names() -> PossibleValuesParser {
     let designed = |name: &str| SchemeChoice::ALL.iter().any(|choice| choice.name() == name);
     let values = SCHEMES.into_iter().filter(|(name, _)| designed(name));
-    PossibleValuesParser::new(values.map(|(name, what)| PossibleValue::new(name).help(what)).collect::<Vec<_>>())
+    PossibleValuesParser::new(
+        values
+            .map(|(name, what)| PossibleValue::new(name).help(what))
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// Most characters of a message: what a file holds may be in it, and a file may hold anything.
@@ -394,7 +434,11 @@ const MESSAGE_MAX: usize = 1500;
 /// A message that a screen can show.
 fn brief(message: &str) -> String {
     match message.char_indices().nth(MESSAGE_MAX) {
-        Some((end, _)) => format!("{} ... ({} characters in all)", &message[..end], message.chars().count()),
+        Some((end, _)) => format!(
+            "{} ... ({} characters in all)",
+            &message[..end],
+            message.chars().count()
+        ),
         None => message.to_owned(),
     }
 }
@@ -402,12 +446,18 @@ fn brief(message: &str) -> String {
 /// Runs the program.
 #[must_use]
 pub fn run() -> ExitCode {
-    let parsed = taking_negative_numbers(Arguments::command()).try_get_matches().and_then(|matches| Arguments::from_arg_matches(&matches));
+    let parsed = taking_negative_numbers(Arguments::command())
+        .try_get_matches()
+        .and_then(|matches| Arguments::from_arg_matches(&matches));
     let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(error) => {
             let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+            return if error.use_stderr() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::SUCCESS
+            };
         }
     };
     #[cfg(feature = "board")]
@@ -537,13 +587,27 @@ mod tests {
     #[test]
     fn every_command_shows_an_example_that_is_understood() {
         for command in Arguments::command().get_subcommands() {
-            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
-            let examples: Vec<&str> = help.lines().filter_map(|line| line.strip_prefix("  ")).collect();
+            let help = command
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            let examples: Vec<&str> = help
+                .lines()
+                .filter_map(|line| line.strip_prefix("  "))
+                .collect();
             assert!(!examples.is_empty(), "{}", command.get_name());
             for example in examples {
-                let words = example.split(" > ").next().unwrap_or_default().split_whitespace();
+                let words = example
+                    .split(" > ")
+                    .next()
+                    .unwrap_or_default()
+                    .split_whitespace();
                 let understood = Arguments::try_parse_from(words).map_err(|e| e.to_string());
-                assert!(understood.is_ok(), "{example}: {}", understood.err().unwrap_or_default());
+                assert!(
+                    understood.is_ok(),
+                    "{example}: {}",
+                    understood.err().unwrap_or_default()
+                );
             }
         }
     }

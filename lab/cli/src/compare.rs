@@ -17,15 +17,31 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Compares a model as it is.
-pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
+pub fn compare(
+    model: &Path,
+    path: &Path,
+    reading: &ReadArguments,
+    outputs: &RecordingOutputs,
+) -> Result<bool> {
     let started = Instant::now();
     let desk = Desk::new(outputs.files.force);
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
     outputs.check(&desk, &dataset)?;
-    require_finite(&model, &dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
+    require_finite(
+        &model,
+        &dataset,
+        &(0..dataset.records.len()).collect::<Vec<_>>(),
+    )?;
     let floor = noise_floor_beside(&model, &dataset);
-    let figures = fit_figures(&model, &dataset, &floor, Vec::new(), &[], started.elapsed().as_secs_f64());
+    let figures = fit_figures(
+        &model,
+        &dataset,
+        &floor,
+        Vec::new(),
+        &[],
+        started.elapsed().as_secs_f64(),
+    );
     println!("{}: {}", dataset.name, figures.comparison_sentence());
     print_records(&figures);
     print_values(&figures);
@@ -43,8 +59,14 @@ pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Rec
 /// then.
 fn against_the_noise(figures: &FitFigures, floor: &NoiseFloor) -> String {
     let policy = Policy::default();
-    let times = |(record, floor_um): (&RecordFigures, &Option<f64>)| Some((record.rms_um / (*floor_um)?, record.file.clone()));
-    let judged = figures.records.iter().zip(&floor.of_records_um).filter(|(record, _)| record.role != Role::Noise.name());
+    let times = |(record, floor_um): (&RecordFigures, &Option<f64>)| {
+        Some((record.rms_um / (*floor_um)?, record.file.clone()))
+    };
+    let judged = figures
+        .records
+        .iter()
+        .zip(&floor.of_records_um)
+        .filter(|(record, _)| record.role != Role::Noise.name());
     match judged.filter_map(times).max_by(|a, b| a.0.total_cmp(&b.0)) {
         None => "nothing in this data shows the noise, so nobody can say how much of that a better model would leave".into(),
         Some((times, _)) if times < policy.explained => "what the model leaves is the noise".into(),
@@ -68,5 +90,7 @@ pub fn write_fit(
     desk.write_model(out, model, &dataset.name)?;
     desk.write_json(outputs.files.json.as_deref(), figures)?;
     outputs.write_series(desk, dataset, &[("modelled", model)])?;
-    desk.write_page(outputs.files.report.as_deref(), || explain_page(&comparison_report(model, dataset, figures, as_typed())))
+    desk.write_page(outputs.files.report.as_deref(), || {
+        explain_page(&comparison_report(model, dataset, figures, as_typed()))
+    })
 }

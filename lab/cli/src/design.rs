@@ -69,11 +69,25 @@ pub struct DesignRequest {
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end
 /// front_end.toml]`.
-pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
-    let DesignFiles { model, data, out, block, front_end } = *files;
+pub fn design(
+    files: &DesignFiles,
+    wanted: &DesignRequest,
+    reading: &ReadArguments,
+    outputs: &Outputs,
+) -> Result<bool> {
+    let DesignFiles {
+        model,
+        data,
+        out,
+        block,
+        front_end,
+    } = *files;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
-        Some(path) => Some(FrontEnd::from_toml(&desk.text(path, "the wiring of the converters")?, &path.display().to_string())?),
+        Some(path) => Some(FrontEnd::from_toml(
+            &desk.text(path, "the wiring of the converters")?,
+            &path.display().to_string(),
+        )?),
         // A block is made for some wiring: what is not said is the default, and the servo must fit that.
         None => block.map(|_| FrontEnd::default()),
     };
@@ -84,8 +98,16 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } =
-        *wanted;
+    let DesignRequest {
+        reference_hz,
+        sensor_noise_um,
+        sensor_bandwidth_hz,
+        sensitivity_peak,
+        learning,
+        adaptation,
+        mode_moves,
+        ..
+    } = *wanted;
     let scheme = SchemeChoice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
     let order = DesignOrder {
@@ -105,10 +127,19 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
     let (design, at_work) = design_beside_predictor(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {
-        (Some(_), Some(front_end)) => Some(amplifier_block::block(&amplifier_parameters(&design, front_end)?)?),
+        (Some(_), Some(front_end)) => Some(amplifier_block::block(&amplifier_parameters(
+            &design, front_end,
+        )?)?),
         _ => None,
     };
-    desk.write_json(outputs.json.as_deref(), &DesignFigures { schema: "hysteron.design/1", design: &design, at_work: &at_work })?;
+    desk.write_json(
+        outputs.json.as_deref(),
+        &DesignFigures {
+            schema: "hysteron.design/1",
+            design: &design,
+            at_work: &at_work,
+        },
+    )?;
     let page = Page {
         title: "Servo design".into(),
         lead_sentence: match &design.chosen {
@@ -122,7 +153,10 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),
-            blocks: std::iter::once(trade_off(&design)).chain(design.learning.as_ref().map(convergence)).map(PageBlock::Plot).collect(),
+            blocks: std::iter::once(trade_off(&design))
+                .chain(design.learning.as_ref().map(convergence))
+                .map(PageBlock::Plot)
+                .collect(),
         }],
         ..Page::default()
     };
@@ -131,28 +165,51 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
         desk.write(path, bytes)?;
         desk.write(commands, upload_lines(bytes)?.as_bytes())?;
     }
-    desk.write(out, toml::to_string_pretty(&design).map_err(|e| wrong(out, e))?.as_bytes())?;
+    desk.write(
+        out,
+        toml::to_string_pretty(&design)
+            .map_err(|e| wrong(out, e))?
+            .as_bytes(),
+    )?;
     for line in &design.explanation {
         println!("  {line}");
     }
     // Ends and middle of the curve: the whole of it is in the page and in the figures.
-    let curve = if design.chosen.is_some_and(|c| design.trade_off_usual.iter().any(|a| a.tuning == c.tuning)) {
+    let curve = if design
+        .chosen
+        .is_some_and(|c| design.trade_off_usual.iter().any(|a| a.tuning == c.tuning))
+    {
         &design.trade_off_usual
     } else {
         &design.trade_off
     };
     if let [first, .., last] = curve.as_slice() {
-        let point = |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
+        let point =
+            |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
         let middle = curve.get(curve.len() / 2).map(point).unwrap_or_default();
-        println!("  Trade-off, noise passed on and error let through in nm: {}; {middle}; {}.", point(first), point(last));
+        println!(
+            "  Trade-off, noise passed on and error let through in nm: {}; {middle}; {}.",
+            point(first),
+            point(last)
+        );
     }
     if let Some(block) = block {
-        println!("wrote {0}; its lines for a running target are in {0}.commands", block.display());
+        println!(
+            "wrote {0}; its lines for a running target are in {0}.commands",
+            block.display()
+        );
     }
     // It stands on 1.12 times its amplitude, and has to stay within the travel.
     let reach_um = design.model.reach_um();
-    let amplitude_um = if reach_um > 2.12 * 5.0 { 5.0 } else { (40.0 * reach_um).floor() / 100.0 };
+    let amplitude_um = if reach_um > 2.12 * 5.0 {
+        5.0
+    } else {
+        (40.0 * reach_um).floor() / 100.0
+    };
     let [model, servo] = [model, out].map(as_argument);
-    println!("wrote {}; next: hysteron track {model} {servo} --reference sine:50:{amplitude_um}", out.display());
+    println!(
+        "wrote {}; next: hysteron track {model} {servo} --reference sine:50:{amplitude_um}",
+        out.display()
+    );
     Ok(true)
 }

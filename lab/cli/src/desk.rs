@@ -22,8 +22,14 @@ pub struct Desk {
 
 /// The same file has the same name here, however it was called.
 fn canonical(path: &Path) -> PathBuf {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
-    path.canonicalize().ok().or_else(|| Some(folder.canonicalize().ok()?.join(path.file_name()?))).unwrap_or_else(|| path.to_path_buf())
+    let folder = path
+        .parent()
+        .filter(|p| !p.as_os_str().is_empty())
+        .unwrap_or_else(|| Path::new("."));
+    path.canonicalize()
+        .ok()
+        .or_else(|| Some(folder.canonicalize().ok()?.join(path.file_name()?)))
+        .unwrap_or_else(|| path.to_path_buf())
 }
 
 /// A file as it is called in messages.
@@ -34,7 +40,10 @@ pub fn wrong(path: &Path, message: impl std::fmt::Display) -> Error {
 impl Desk {
     /// For a command that may replace files that exist, or not.
     pub fn new(force: bool) -> Self {
-        Self { force, ..Self::default() }
+        Self {
+            force,
+            ..Self::default()
+        }
     }
 
     /// The bytes of an input; `expected` says what should have been there.
@@ -46,14 +55,18 @@ impl Desk {
 
     /// The text of an input.
     pub fn text(&self, path: &Path, expected: &str) -> Result<String> {
-        String::from_utf8(self.bytes(path, expected)?).map_err(|_| wrong(path, format!("is not text; expected {expected}")))
+        String::from_utf8(self.bytes(path, expected)?)
+            .map_err(|_| wrong(path, format!("is not text; expected {expected}")))
     }
 
     /// A folder with `dataset.toml`, a manifest, or one file of numbers.
     pub fn dataset(&self, path: &Path, reading: &ReadArguments) -> Result<Dataset> {
         let dataset = folder::load_as(path, &reading.instructions()?)?;
-        let sources = std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
-        self.read.borrow_mut().extend(sources.map(|source| canonical(Path::new(source))));
+        let sources =
+            std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
+        self.read
+            .borrow_mut()
+            .extend(sources.map(|source| canonical(Path::new(source))));
         screen::speak_in(&dataset.units);
         Ok(dataset)
     }
@@ -68,8 +81,15 @@ impl Desk {
     /// the user's own.
     pub fn effects(&self, list: &str) -> Result<Vec<Arc<dyn Effect>>> {
         let path = Path::new(list);
-        let names = if !list.ends_with(".toml") && path.is_file() { self.text(path, "a list of effects")? } else { list.to_owned() };
-        let items = names.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty());
+        let names = if !list.ends_with(".toml") && path.is_file() {
+            self.text(path, "a list of effects")?
+        } else {
+            list.to_owned()
+        };
+        let items = names
+            .split([',', '\n', ' '])
+            .map(str::trim)
+            .filter(|item| !item.is_empty());
         items
             .map(|item| match item {
                 _ if item.ends_with(".toml") => self.own_effect(Path::new(item)),
@@ -88,7 +108,10 @@ impl Desk {
     }
 
     fn own_effect(&self, path: &Path) -> Result<Arc<dyn Effect>> {
-        model_file::own_effect(&self.text(path, "the definition of an effect")?, &path.display().to_string())
+        model_file::own_effect(
+            &self.text(path, "the definition of an effect")?,
+            &path.display().to_string(),
+        )
     }
 
     /// Takes a file as a target, once everything has been read and before the work begins.
@@ -99,23 +122,41 @@ impl Desk {
         let Some(path) = path else { return Ok(()) };
         let this = canonical(path);
         if self.read.borrow().contains(&this) {
-            return Err(wrong(path, "was read by this command and is not written over; expected another name"));
+            return Err(wrong(
+                path,
+                "was read by this command and is not written over; expected another name",
+            ));
         }
         if self.targets.borrow().contains(&this) {
-            return Err(wrong(path, "is to be written twice by this command; expected different names"));
+            return Err(wrong(
+                path,
+                "is to be written twice by this command; expected different names",
+            ));
         }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+        let folder = path
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or_else(|| Path::new("."));
         if !folder.is_dir() {
-            return Err(wrong(path, format!("the folder {} does not exist", folder.display())));
+            return Err(wrong(
+                path,
+                format!("the folder {} does not exist", folder.display()),
+            ));
         }
         if path.is_dir() {
             return Err(wrong(path, "is a folder; expected a file name"));
         }
         if path.exists() && !path.is_file() {
-            return Err(wrong(path, "is a device or a pipe; expected the name of a file"));
+            return Err(wrong(
+                path,
+                "is a device or a pipe; expected the name of a file",
+            ));
         }
         if path.exists() && !self.force {
-            return Err(wrong(path, "exists; expected another name, or --force to replace it"));
+            return Err(wrong(
+                path,
+                "exists; expected another name, or --force to replace it",
+            ));
         }
         let trial = folder.join(format!(".hysteron.{}.trial", std::process::id()));
         let written = std::fs::File::create(&trial);
@@ -130,7 +171,9 @@ impl Desk {
     /// The folder around it has to be there.
     pub fn folder(&self, path: &Path, files: &[String]) -> Result<()> {
         self.make_folder(path)?;
-        files.iter().try_for_each(|name| self.target(Some(&path.join(name))))
+        files
+            .iter()
+            .try_for_each(|name| self.target(Some(&path.join(name))))
     }
 
     /// Takes a folder as [`Desk::folder`] does, but leaves no trace of it where it is not there:
@@ -138,11 +181,19 @@ impl Desk {
     #[cfg(feature = "board")]
     pub fn folder_to_be(&self, path: &Path, files: &[String]) -> Result<()> {
         if path.is_dir() {
-            return files.iter().try_for_each(|name| self.target(Some(&path.join(name))));
+            return files
+                .iter()
+                .try_for_each(|name| self.target(Some(&path.join(name))));
         }
-        let around = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+        let around = path
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or_else(|| Path::new("."));
         if path.exists() || !around.is_dir() {
-            return Err(wrong(path, "cannot be made; expected a new name in a folder that exists"));
+            return Err(wrong(
+                path,
+                "cannot be made; expected a new name in a folder that exists",
+            ));
         }
         Ok(())
     }
@@ -152,7 +203,12 @@ impl Desk {
         if path.is_dir() {
             return Ok(());
         }
-        std::fs::create_dir(path).map_err(|e| wrong(path, format!("cannot be made: {e}; expected a new name in a folder that exists")))
+        std::fs::create_dir(path).map_err(|e| {
+            wrong(
+                path,
+                format!("cannot be made: {e}; expected a new name in a folder that exists"),
+            )
+        })
     }
 
     /// Writes a target whole or not at all.
@@ -164,7 +220,8 @@ impl Desk {
     pub fn write_json(&self, path: Option<&Path>, value: &impl serde::Serialize) -> Result<()> {
         let Some(path) = path else { return Ok(()) };
         let text = if screen::has_own_units() {
-            serde_json::to_value(value).and_then(|value| serde_json::to_string_pretty(&in_units(value)))
+            serde_json::to_value(value)
+                .and_then(|value| serde_json::to_string_pretty(&in_units(value)))
         } else {
             serde_json::to_string_pretty(value)
         };
@@ -173,13 +230,21 @@ impl Desk {
     }
 
     /// Writes a page, if a file is wanted.
-    pub fn write_page(&self, path: Option<&Path>, page: impl FnOnce() -> hysteron_report::Page) -> Result<()> {
-        path.map_or(Ok(()), |path| self.write(path, page().to_html_in(&screen::in_units).as_bytes()))
+    pub fn write_page(
+        &self,
+        path: Option<&Path>,
+        page: impl FnOnce() -> hysteron_report::Page,
+    ) -> Result<()> {
+        path.map_or(Ok(()), |path| {
+            self.write(path, page().to_html_in(&screen::in_units).as_bytes())
+        })
     }
 
     /// Writes a model, if a file is wanted.
     pub fn write_model(&self, path: Option<&Path>, model: &Model, data_set: &str) -> Result<()> {
-        path.map_or(Ok(()), |path| self.write(path, model_file::to_toml(model, data_set)?.as_bytes()))
+        path.map_or(Ok(()), |path| {
+            self.write(path, model_file::to_toml(model, data_set)?.as_bytes())
+        })
     }
 }
 
@@ -191,7 +256,13 @@ fn in_units(value: serde_json::Value) -> serde_json::Value {
         Value::Array(values) => Value::Array(values.into_iter().map(in_units).collect()),
         Value::Object(fields) => {
             // The units themselves stay what they are.
-            let said = |(key, value): (String, Value)| if key == "units" { (key, value) } else { (key, in_units(value)) };
+            let said = |(key, value): (String, Value)| {
+                if key == "units" {
+                    (key, value)
+                } else {
+                    (key, in_units(value))
+                }
+            };
             Value::Object(fields.into_iter().map(said).collect())
         }
         other => other,
@@ -219,11 +290,22 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (old, new) = (folder.path().join("old"), folder.path().join("new"));
         std::fs::write(&old, "1").unwrap();
-        assert!(Desk::new(false).target(Some(&old)).unwrap_err().to_string().contains("--force"));
+        assert!(
+            Desk::new(false)
+                .target(Some(&old))
+                .unwrap_err()
+                .to_string()
+                .contains("--force")
+        );
         let desk = Desk::new(true);
         desk.target(Some(&old)).unwrap();
         desk.target(Some(&new)).unwrap();
-        assert!(desk.target(Some(&new)).unwrap_err().to_string().contains("twice"));
+        assert!(
+            desk.target(Some(&new))
+                .unwrap_err()
+                .to_string()
+                .contains("twice")
+        );
         assert!(!new.exists());
     }
 }

@@ -29,14 +29,19 @@ pub fn diagnose(
     let files = &outputs.files;
     desk.target(files.next_drive().as_deref())?;
     let progress = Progress::of_search(false);
-    let found = time.beside(&progress, |watch| analyse(&dataset, Start::Model(model), &options, watch))?;
+    let found = time.beside(&progress, |watch| {
+        analyse(&dataset, Start::Model(model), &options, watch)
+    })?;
     let dataset = found.dataset(&dataset).clone();
     drop(progress);
     let d = &found.diagnosis;
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, d.sentence);
     say_notes(dataset.remarks().iter().chain(&found.floor.warnings));
-    println!("  {:24} share   p        held out nm before, after", "candidate");
+    println!(
+        "  {:24} share   p        held out nm before, after",
+        "candidate"
+    );
     for c in d.candidates.iter().take(6) {
         println!(
             "  {:24} {:>4.0} %  {:<7}  {} , {}{}",
@@ -45,14 +50,23 @@ pub fn diagnose(
             c.p_value.map_or("-".into(), |p| format!("{p:.4}")),
             c.validate_rms_before_um.map_or("-".into(), nm),
             c.validate_rms_after_um.map_or("-".into(), nm),
-            if c.confusable_with.is_empty() { String::new() } else { format!("   looks like {}", c.confusable_with.join(", ")) }
+            if c.confusable_with.is_empty() {
+                String::new()
+            } else {
+                format!("   looks like {}", c.confusable_with.join(", "))
+            }
         );
     }
     say_candidates(d, &found.model);
     write_next_experiment(&desk, &found, files)?;
     desk.write_json(files.json.as_deref(), d)?;
-    desk.write_page(files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
-    let start = found.steps.first().map(|step| ("modelled", &step.judged.model));
+    desk.write_page(files.report.as_deref(), || {
+        explain_page(&explain_report(&found, &dataset, as_typed()))
+    })?;
+    let start = found
+        .steps
+        .first()
+        .map(|step| ("modelled", &step.judged.model));
     outputs.write_series(&desk, &dataset, &start.into_iter().collect::<Vec<_>>())?;
     say_next(files, path);
     Ok(true)

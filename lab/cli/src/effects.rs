@@ -36,7 +36,11 @@ pub fn effects(equations: Option<&Path>, outputs: &Outputs) -> Result<bool> {
     progress.say("simulating what every effect does");
     let found = signatures()?;
     drop(progress);
-    let widest = found.iter().map(|s| s.declaration.id.len()).max().unwrap_or(0);
+    let widest = found
+        .iter()
+        .map(|s| s.declaration.id.len())
+        .max()
+        .unwrap_or(0);
     for Signature { declaration, .. } in &found {
         println!("  {:widest$}  {}", declaration.id, declaration.physics);
     }
@@ -56,7 +60,11 @@ fn figures(signature: &Signature) -> EffectFigures<'_> {
         physics: &declaration.physics,
         reference: &declaration.reference,
         experiment: &declaration.experiment,
-        parameters: signature.parameters.iter().map(|(parameter, _)| parameter.name.as_str()).collect(),
+        parameters: signature
+            .parameters
+            .iter()
+            .map(|(parameter, _)| parameter.name.as_str())
+            .collect(),
         looks_like: &signature.alike,
     }
 }

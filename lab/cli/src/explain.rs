@@ -4,7 +4,9 @@ use crate::arguments::{Outputs, SearchArguments, StudyOutputs, TimeArguments, as
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, print_steps, print_values, say_candidates, say_next, say_stopped};
+use crate::tables::{
+    print_notes, print_records, print_steps, print_values, say_candidates, say_next, say_stopped,
+};
 use hysteron::Result;
 use hysteron::analyse::{Outcome, Start, analyse};
 use hysteron::servo::order;
@@ -27,8 +29,19 @@ pub struct ExplainRequest<'a> {
 }
 
 /// The main job.
-pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
-    let ExplainRequest { from, search, verbose, time, animation } = *wanted;
+pub fn explain(
+    path: &Path,
+    wanted: &ExplainRequest,
+    reading: &ReadArguments,
+    outputs: &StudyOutputs,
+) -> Result<bool> {
+    let ExplainRequest {
+        from,
+        search,
+        verbose,
+        time,
+        animation,
+    } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
@@ -39,7 +52,9 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
     desk.target(files.next_drive().as_deref())?;
     desk.target(animation)?;
     let progress = Progress::of_search(verbose);
-    let found = time.beside(&progress, |watch| analyse(&dataset, Start::Effects(&effects), &options, watch))?;
+    let found = time.beside(&progress, |watch| {
+        analyse(&dataset, Start::Effects(&effects), &options, watch)
+    })?;
     let dataset = found.dataset(&dataset).clone();
     drop(progress);
     let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
@@ -59,16 +74,28 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
     write_next_experiment(&desk, &found, files)?;
     desk.write_model(outputs.out.as_deref(), &found.model, &dataset.name)?;
     desk.write_json(files.json.as_deref(), &figures)?;
-    desk.write_page(files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
-    let start = found.steps.first().map(|step| ("modelled_at_start", &step.judged.model));
-    let models: Vec<_> = [("modelled", &found.model)].into_iter().chain(start).collect();
+    desk.write_page(files.report.as_deref(), || {
+        explain_page(&explain_report(&found, &dataset, as_typed()))
+    })?;
+    let start = found
+        .steps
+        .first()
+        .map(|step| ("modelled_at_start", &step.judged.model));
+    let models: Vec<_> = [("modelled", &found.model)]
+        .into_iter()
+        .chain(start)
+        .collect();
     outputs.recordings.write_series(&desk, &dataset, &models)?;
     if let Some(path) = animation {
         let report = explain_report(&found, &dataset, as_typed());
-        let svg = falling_error_svg(&report).ok_or_else(|| wrong(path, "no record was judged; there is nothing to show"))?;
+        let svg = falling_error_svg(&report)
+            .ok_or_else(|| wrong(path, "no record was judged; there is nothing to show"))?;
         desk.write(path, svg.as_bytes())?;
     }
-    let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
+    let model = outputs.out.as_ref().map_or_else(
+        || "Keep the model with --out model.toml.".into(),
+        |p| format!("Model: {}", p.display()),
+    );
     println!("{:.1} s. {model}", figures.seconds);
     if let Err(why) = order::designable(&found.model)
         && outputs.out.is_some()
@@ -81,7 +108,9 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
 
 /// Writes the drive that would decide beside the other outputs.
 pub fn write_next_experiment(desk: &Desk, found: &Outcome, outputs: &Outputs) -> Result<()> {
-    let Some(next) = &found.next_experiment else { return Ok(()) };
+    let Some(next) = &found.next_experiment else {
+        return Ok(());
+    };
     println!("  {}", next.sentence);
     if let Some(path) = outputs.next_drive() {
         desk.write(&path, next.proposal.csv().as_bytes())?;

@@ -7,10 +7,14 @@
 use hysteron::{Error, Result};
 
 /// How to get all of it.
-pub const HOW: &str = "`cargo install --path lab/cli --locked --features full` in the project's folder installs it";
+pub const HOW: &str =
+    "`cargo install --path lab/cli --locked --features full` in the project's folder installs it";
 
 /// The message of a command that this build lacks.
 #[cfg_attr(feature = "full", allow(dead_code))]
 pub fn needed(command: &str) -> Result<bool> {
-    Err(Error::new(command, format!("this command is part of the full build. {HOW}")))
+    Err(Error::new(
+        command,
+        format!("this command is part of the full build. {HOW}"),
+    ))
 }

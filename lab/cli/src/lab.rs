@@ -14,10 +14,13 @@ pub fn lab(dataset: Option<PathBuf>, no_open: bool, reading: &ReadArguments) -> 
     let instructions = reading.instructions()?;
     let served = dataset.map(|path| Arc::new(OnDisk { path, instructions }) as Arc<dyn Served>);
     // What cannot be read is reported here, not in a page that has to be opened first.
-    served.as_ref().map_or(Ok(()), |served| served.read(&Said::default()).map(drop))?;
+    served
+        .as_ref()
+        .map_or(Ok(()), |served| served.read(&Said::default()).map(drop))?;
     let server = Arc::new(Server::bind(served)?);
     let at_end = Arc::clone(&server);
-    ctrlc::set_handler(move || at_end.end()).map_err(|e| Error::new("Ctrl-C", format!("cannot be listened to: {e}")))?;
+    ctrlc::set_handler(move || at_end.end())
+        .map_err(|e| Error::new("Ctrl-C", format!("cannot be listened to: {e}")))?;
     let address = server.address();
     println!("{address}");
     println!("The lab is open at this address, on this machine only. Ctrl-C ends it.");

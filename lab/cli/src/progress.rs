@@ -45,7 +45,11 @@ impl Progress {
             bar.set_style(style);
         }
         bar.enable_steady_tick(Duration::from_millis(120));
-        Self { bar, every_event, began: Instant::now() }
+        Self {
+            bar,
+            every_event,
+            began: Instant::now(),
+        }
     }
 
     /// Says what is being done now.

@@ -51,7 +51,13 @@ impl ReadArguments {
             ("--intersample", &self.intersample),
             ("--skip-rows", &rows),
         ];
-        said.iter().filter_map(|(name, value)| value.as_ref().map(|value| format!(" {name} {}", as_argument(Path::new(value))))).collect()
+        said.iter()
+            .filter_map(|(name, value)| {
+                value
+                    .as_ref()
+                    .map(|value| format!(" {name} {}", as_argument(Path::new(value))))
+            })
+            .collect()
     }
 
     /// The same in the words of the library.
@@ -59,13 +65,30 @@ impl ReadArguments {
     /// # Errors
     /// What is not of the form `t=1,u=3`.
     pub fn instructions(&self) -> Result<Instructions> {
-        let column = |text: &str| text.parse().map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number);
-        if let Some(rate) = self.sample_rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
-            return Err(Error::new("--sample-rate-hz", format!("{rate}; expected a positive number")));
+        let column = |text: &str| {
+            text.parse()
+                .map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number)
+        };
+        if let Some(rate) = self
+            .sample_rate_hz
+            .filter(|rate| !(rate.is_finite() && *rate > 0.0))
+        {
+            return Err(Error::new(
+                "--sample-rate-hz",
+                format!("{rate}; expected a positive number"),
+            ));
         }
         Ok(Instructions {
-            timing: self.timing.as_deref().map(|name| Timing::named("--timing", name)).transpose()?,
-            intersample: self.intersample.as_deref().map(|name| intersample_named("--intersample", name)).transpose()?,
+            timing: self
+                .timing
+                .as_deref()
+                .map(|name| Timing::named("--timing", name))
+                .transpose()?,
+            intersample: self
+                .intersample
+                .as_deref()
+                .map(|name| intersample_named("--intersample", name))
+                .transpose()?,
             wanted: ColumnRules {
                 columns: by_signal("--columns", self.columns.as_deref(), column)?,
                 unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,
@@ -79,13 +102,26 @@ impl ReadArguments {
 }
 
 /// `temperature_c=4,..` as one column by name.
-fn by_name(list: Option<&str>, column: impl Fn(&str) -> ColumnName) -> Result<BTreeMap<String, ColumnName>> {
+fn by_name(
+    list: Option<&str>,
+    column: impl Fn(&str) -> ColumnName,
+) -> Result<BTreeMap<String, ColumnName>> {
     let mut found = BTreeMap::new();
-    for item in list.unwrap_or_default().split(',').map(str::trim).filter(|item| !item.is_empty()) {
-        let said =
-            item.split_once('=').map(|(name, text)| (name.trim(), text.trim())).filter(|(name, text)| !name.is_empty() && !text.is_empty());
+    for item in list
+        .unwrap_or_default()
+        .split(',')
+        .map(str::trim)
+        .filter(|item| !item.is_empty())
+    {
+        let said = item
+            .split_once('=')
+            .map(|(name, text)| (name.trim(), text.trim()))
+            .filter(|(name, text)| !name.is_empty() && !text.is_empty());
         let Some((name, text)) = said.filter(|(name, _)| !found.contains_key(*name)) else {
-            return Err(Error::new("--auxiliary", format!("`{item}`; expected names with their columns, each once: temperature_c=4")));
+            return Err(Error::new(
+                "--auxiliary",
+                format!("`{item}`; expected names with their columns, each once: temperature_c=4"),
+            ));
         };
         found.insert(name.to_owned(), column(text));
     }
@@ -93,13 +129,31 @@ fn by_name(list: Option<&str>, column: impl Fn(&str) -> ColumnName) -> Result<BT
 }
 
 /// `t=..,u=..` as one value by signal.
-fn by_signal<T>(option: &str, list: Option<&str>, value: impl Fn(&str) -> T) -> Result<PerColumn<T>> {
+fn by_signal<T>(
+    option: &str,
+    list: Option<&str>,
+    value: impl Fn(&str) -> T,
+) -> Result<PerColumn<T>> {
     let mut found = PerColumn::default();
-    for item in list.unwrap_or_default().split(',').map(str::trim).filter(|item| !item.is_empty()) {
-        let (key, text) = item.split_once('=').map_or((item, ""), |(key, text)| (key.trim(), text.trim()));
-        let place = found.by_key(key).filter(|place| place.is_none() && !text.is_empty());
+    for item in list
+        .unwrap_or_default()
+        .split(',')
+        .map(str::trim)
+        .filter(|item| !item.is_empty())
+    {
+        let (key, text) = item
+            .split_once('=')
+            .map_or((item, ""), |(key, text)| (key.trim(), text.trim()));
+        let place = found
+            .by_key(key)
+            .filter(|place| place.is_none() && !text.is_empty());
         let Some(place) = place else {
-            return Err(Error::new(option, format!("`{item}`; expected t=.., u=.., y=.. or force=.., each once, with commas between")));
+            return Err(Error::new(
+                option,
+                format!(
+                    "`{item}`; expected t=.., u=.., y=.. or force=.., each once, with commas between"
+                ),
+            ));
         };
         *place = Some(value(text));
     }
@@ -113,14 +167,25 @@ mod tests {
     #[test]
     fn lists_by_signal() {
         let said = |columns: &str, units: &str| {
-            ReadArguments { columns: Some(columns.into()), units: Some(units.into()), ..Default::default() }.instructions()
+            ReadArguments {
+                columns: Some(columns.into()),
+                units: Some(units.into()),
+                ..Default::default()
+            }
+            .instructions()
         };
         let found = said("t=1, u=drive", "y=5um/V").unwrap().wanted;
         assert_eq!(found.columns.t, Some(ColumnName::Number(1)));
         assert_eq!(found.columns.u, Some(ColumnName::Name("drive".into())));
         assert_eq!(found.unit.y.as_deref(), Some("5um/V"));
         for wrong in ["q=1", "t", "t=1,t=2", "t="] {
-            assert!(said(wrong, "").unwrap_err().to_string().contains("--columns"), "{wrong}");
+            assert!(
+                said(wrong, "")
+                    .unwrap_err()
+                    .to_string()
+                    .contains("--columns"),
+                "{wrong}"
+            );
         }
     }
 }

@@ -4,7 +4,9 @@ use crate::arguments::{Benches, Outputs};
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::{Error, Result};
-use hysteron_thesis::overview::{NUMBERS, PrintedTable, ReproduceFile, page, rows_as_csv, tables, totals_in_words};
+use hysteron_thesis::overview::{
+    NUMBERS, PrintedTable, ReproduceFile, page, rows_as_csv, tables, totals_in_words,
+};
 use hysteron_thesis::scoreboard::{ScoreRow, cells, score, score_both, totals};
 use hysteron_thesis::{CHAPTERS, Chapter, PlayedOn, chapter};
 use std::io::IsTerminal;
@@ -23,7 +25,13 @@ fn played_on(benches: Benches) -> Vec<PlayedOn> {
 fn print(table: &PrintedTable) {
     println!("\n{}", table.title);
     let cut = |text: &str, width: usize| text.chars().take(width).collect::<String>();
-    println!("  {:34}{:30}{:32}{}", "algorithm", "condition", "quantity", NUMBERS.map(|name| format!("{name:>12}")).concat());
+    println!(
+        "  {:34}{:30}{:32}{}",
+        "algorithm",
+        "condition",
+        "quantity",
+        NUMBERS.map(|name| format!("{name:>12}")).concat()
+    );
     let red = std::io::stdout().is_terminal();
     for line in &table.lines {
         let [algorithm, condition, quantity] = &line.what;
@@ -32,7 +40,10 @@ fn print(table: &PrintedTable) {
             cut(algorithm, 33),
             cut(condition, 29),
             cut(quantity, 31),
-            line.numbers.each_ref().map(|number| format!("{number:>12}")).concat(),
+            line.numbers
+                .each_ref()
+                .map(|number| format!("{number:>12}"))
+                .concat(),
             line.unit,
             if line.met { "" } else { "  MISSED" }
         );
@@ -42,7 +53,12 @@ fn print(table: &PrintedTable) {
             println!("\x1b[31m{text}\x1b[0m");
         }
     }
-    let mut reasons: Vec<&str> = table.lines.iter().filter(|line| !line.met).filter_map(|line| line.reason.as_deref()).collect();
+    let mut reasons: Vec<&str> = table
+        .lines
+        .iter()
+        .filter(|line| !line.met)
+        .filter_map(|line| line.reason.as_deref())
+        .collect();
     reasons.dedup();
     for reason in reasons {
         println!("    missed: {reason}");
@@ -51,13 +67,25 @@ fn print(table: &PrintedTable) {
 
 /// Reproduces chapters of the thesis on simulated benches; false if an algorithm as printed misses a printed
 /// result.
-pub fn reproduce(numbers: &[u32], benches: Benches, csv: Option<&Path>, outputs: &Outputs) -> Result<bool> {
+pub fn reproduce(
+    numbers: &[u32],
+    benches: Benches,
+    csv: Option<&Path>,
+    outputs: &Outputs,
+) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     outputs.check(&desk)?;
     desk.target(csv)?;
-    let numbers: Vec<u32> = if numbers.is_empty() { CHAPTERS.to_vec() } else { numbers.to_vec() };
+    let numbers: Vec<u32> = if numbers.is_empty() {
+        CHAPTERS.to_vec()
+    } else {
+        numbers.to_vec()
+    };
     if let Some(unknown) = numbers.iter().find(|n| !CHAPTERS.contains(n)) {
-        return Err(Error::new("chapter", format!("{unknown} has nothing to reproduce; expected some of {CHAPTERS:?}")));
+        return Err(Error::new(
+            "chapter",
+            format!("{unknown} has nothing to reproduce; expected some of {CHAPTERS:?}"),
+        ));
     }
     let cells = cells().map_err(|e| Error::new("printed.toml", e))?;
     let played_on = played_on(benches);
@@ -66,16 +94,25 @@ pub fn reproduce(numbers: &[u32], benches: Benches, csv: Option<&Path>, outputs:
     let rows_of = |of: &[&[Chapter]]| -> Vec<ScoreRow> {
         match of {
             [reference, domains] => score_both(reference, domains, &cells),
-            one => one.iter().flat_map(|chapters| score(chapters, &cells)).collect(),
+            one => one
+                .iter()
+                .flat_map(|chapters| score(chapters, &cells))
+                .collect(),
         }
     };
     for nth in numbers {
         for (on, done) in played_on.iter().zip(&mut chapters) {
             let progress = Progress::start();
             let say = |message: &str| progress.say(&format!("{message} ({})", on.name()));
-            done.push(chapter(nth, *on, &say).map_err(|e| Error::new(format!("chapter {nth}, bench {}", on.name()), e))?);
+            done.push(
+                chapter(nth, *on, &say)
+                    .map_err(|e| Error::new(format!("chapter {nth}, bench {}", on.name()), e))?,
+            );
         }
-        let newest: Vec<&[Chapter]> = chapters.iter().map(|done| &done[done.len() - 1..]).collect();
+        let newest: Vec<&[Chapter]> = chapters
+            .iter()
+            .map(|done| &done[done.len() - 1..])
+            .collect();
         tables(&rows_of(&newest)).iter().for_each(print);
     }
     let rows = rows_of(&chapters.iter().map(Vec::as_slice).collect::<Vec<_>>());

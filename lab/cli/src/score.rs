@@ -13,7 +13,8 @@ use std::time::Instant;
 pub fn score(dir: &Path, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     let path = dir.join("truth.json");
-    let truths: Vec<Truth> = serde_json::from_str(&desk.text(&path, "the truth of planted cases")?).map_err(|e| wrong(&path, e))?;
+    let truths: Vec<Truth> = serde_json::from_str(&desk.text(&path, "the truth of planted cases")?)
+        .map_err(|e| wrong(&path, e))?;
     if truths.is_empty() {
         return Err(wrong(&path, "has no cases"));
     }
@@ -21,9 +22,16 @@ pub fn score(dir: &Path, outputs: &Outputs) -> Result<bool> {
     let mut cases: Vec<CaseScore> = Vec::new();
     for truth in &truths {
         let started = Instant::now();
-        let mut case = score_case(&desk.dataset(&dir.join(&truth.name), &ReadArguments::default())?, truth)?;
+        let mut case = score_case(
+            &desk.dataset(&dir.join(&truth.name), &ReadArguments::default())?,
+            truth,
+        )?;
         case.seconds = started.elapsed().as_secs_f64();
-        let said = if case.named.is_empty() { String::new() } else { format!(" {}", case.named.join(", ")) };
+        let said = if case.named.is_empty() {
+            String::new()
+        } else {
+            format!(" {}", case.named.join(", "))
+        };
         let mark = if case.right_first {
             "right"
         } else if case.right_in_set {
@@ -48,7 +56,10 @@ pub fn score(dir: &Path, outputs: &Outputs) -> Result<bool> {
     println!();
     println!("right first          {:>6.1} %", 100.0 * score.right_first);
     println!("right or in the set  {:>6.1} %", 100.0 * score.right_in_set);
-    println!("false discoveries    {:>6.1} %", 100.0 * score.false_discoveries);
+    println!(
+        "false discoveries    {:>6.1} %",
+        100.0 * score.false_discoveries
+    );
     if let Some(share) = score.unexplained_recognised {
         println!("unexplained seen     {:>6.1} %", 100.0 * share);
     }

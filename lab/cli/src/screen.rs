@@ -22,17 +22,25 @@ pub fn speak_in(units: &SignalUnits) {
 
 /// A text in the units of the data set.
 pub fn in_units(text: &str) -> String {
-    UNITS.get().map_or_else(|| text.to_owned(), |units| units.in_words(text))
+    UNITS
+        .get()
+        .map_or_else(|| text.to_owned(), |units| units.in_words(text))
 }
 
 /// Whether figures are in units of their own.
 pub fn has_own_units() -> bool {
-    UNITS.get().is_some_and(|units| *units != SignalUnits::default())
+    UNITS
+        .get()
+        .is_some_and(|units| *units != SignalUnits::default())
 }
 
 /// Writes one line.
 pub fn say(line: Arguments) {
-    let written = if has_own_units() { writeln!(stdout(), "{}", in_units(&line.to_string())) } else { writeln!(stdout(), "{line}") };
+    let written = if has_own_units() {
+        writeln!(stdout(), "{}", in_units(&line.to_string()))
+    } else {
+        writeln!(stdout(), "{line}")
+    };
     note(written);
 }
 
@@ -51,5 +59,9 @@ fn note(written: std::io::Result<()>) {
 /// A path as it is typed in a suggested command: in quotes where it has spaces.
 pub fn as_argument(path: &Path) -> String {
     let text = path.display().to_string();
-    if text.contains(char::is_whitespace) { format!("\"{text}\"") } else { text }
+    if text.contains(char::is_whitespace) {
+        format!("\"{text}\"")
+    } else {
+        text
+    }
 }

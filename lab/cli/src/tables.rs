@@ -10,15 +10,29 @@ use std::path::Path;
 
 /// The steps of a growth with their falling error.
 pub fn print_steps(steps: &[StepFigures], floor_um: Option<f64>) {
-    let width = steps.iter().filter_map(|s| s.added.as_ref().map(String::len)).max().unwrap_or(0).max(18);
+    let width = steps
+        .iter()
+        .filter_map(|s| s.added.as_ref().map(String::len))
+        .max()
+        .unwrap_or(0)
+        .max(18);
     println!("  {:width$}  fitted nm  held out nm", "");
     for (i, step) in steps.iter().enumerate() {
         let name = match (&step.added, i) {
             (Some(id), _) => format!("+ {id}"),
             (None, 0) => "start".into(),
-            (None, _) => step.why.split([';', ':']).next().unwrap_or_default().to_owned(),
+            (None, _) => step
+                .why
+                .split([';', ':'])
+                .next()
+                .unwrap_or_default()
+                .to_owned(),
         };
-        println!("  {name:width$}  {:>9}  {:>11}", nm(step.identify_rms_um), step.validate_rms_um.map_or("-".into(), nm));
+        println!(
+            "  {name:width$}  {:>9}  {:>11}",
+            nm(step.identify_rms_um),
+            step.validate_rms_um.map_or("-".into(), nm)
+        );
     }
     if let Some(floor) = floor_um {
         println!("  {:width$}  {:>9}  {:>11}", "noise", nm(floor), nm(floor));
@@ -27,8 +41,17 @@ pub fn print_steps(steps: &[StepFigures], floor_um: Option<f64>) {
 
 /// Records with their errors.
 pub fn print_records(figures: &FitFigures) {
-    let width = figures.records.iter().map(|r| r.file.len()).max().unwrap_or(6).max(6);
-    println!("  {:width$}  {:8}  RMS nm    max nm    % of range    replay nm", "record", "role");
+    let width = figures
+        .records
+        .iter()
+        .map(|r| r.file.len())
+        .max()
+        .unwrap_or(6)
+        .max(6);
+    println!(
+        "  {:width$}  {:8}  RMS nm    max nm    % of range    replay nm",
+        "record", "role"
+    );
     for r in figures.records.iter().filter(|r| r.role != "noise") {
         println!(
             "  {:width$}  {:8}  {:>6}    {:>6}    {:<10.3}    {:>9}",
@@ -40,21 +63,33 @@ pub fn print_records(figures: &FitFigures) {
             nm(r.replay_rms_um)
         );
     }
-    lines(&figures.replays).iter().for_each(|line| println!("  {line}"));
+    lines(&figures.replays)
+        .iter()
+        .for_each(|line| println!("  {line}"));
 }
 
 /// The values of a model as an engineer reads them, a line for each effect.
 pub fn print_values(figures: &FitFigures) {
-    let width = figures.values.iter().map(|v| v.effect.len()).max().unwrap_or(0);
+    let width = figures
+        .values
+        .iter()
+        .map(|v| v.effect.len())
+        .max()
+        .unwrap_or(0);
     for of_effect in figures.values.chunk_by(|a, b| a.effect == b.effect) {
-        let said: Vec<String> = of_effect.iter().map(|v| format!("{} {}", v.name, v.text())).collect();
+        let said: Vec<String> = of_effect
+            .iter()
+            .map(|v| format!("{} {}", v.name, v.text()))
+            .collect();
         println!("  {:width$}  {}", of_effect[0].effect, said.join(", "));
     }
 }
 
 /// Things to know, one line each.
 pub fn say_notes<'a>(notes: impl IntoIterator<Item = &'a String>) {
-    notes.into_iter().for_each(|note| println!("  note: {note}"));
+    notes
+        .into_iter()
+        .for_each(|note| println!("  note: {note}"));
 }
 
 /// What to know of a fit, one line each.
@@ -69,14 +104,24 @@ pub fn print_notes(figures: &FitFigures) {
 pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
     match diagnosis.verdict {
         Verdict::Ambiguous => {
-            for c in diagnosis.candidates.iter().filter(|c| diagnosis.named.contains(&c.effect)) {
-                println!("  to tell {} from the others: {}", c.effect, c.next_experiment);
+            for c in diagnosis
+                .candidates
+                .iter()
+                .filter(|c| diagnosis.named.contains(&c.effect))
+            {
+                println!(
+                    "  to tell {} from the others: {}",
+                    c.effect, c.next_experiment
+                );
             }
         }
         Verdict::Unexplained => {
             match diagnosis.candidates.first() {
                 Some(c) if model.effect(&c.effect).is_some() => {
-                    println!("  {} is in the model; for what it leaves nothing was found in the library", c.effect)
+                    println!(
+                        "  {} is in the model; for what it leaves nothing was found in the library",
+                        c.effect
+                    )
                 }
                 Some(c) => println!(
                     "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",
@@ -86,7 +131,9 @@ pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
                 ),
                 None => {}
             }
-            println!("  to try an effect of your own: write it as a .toml file and pass it with --own");
+            println!(
+                "  to try an effect of your own: write it as a .toml file and pass it with --own"
+            );
         }
         _ => {}
     }
@@ -96,7 +143,10 @@ pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
 pub fn say_next(outputs: &Outputs, dataset: &Path) {
     match &outputs.report {
         Some(path) => println!("Open {} to look at it.", path.display()),
-        None => println!("To look at it: add --report page.html  (data: {})", dataset.display()),
+        None => println!(
+            "To look at it: add --report page.html  (data: {})",
+            dataset.display()
+        ),
     }
 }
 

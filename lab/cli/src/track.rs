@@ -38,17 +38,32 @@ pub struct TrackRequest<'a> {
 /// The reference that was named, a shape or a file of points, for a loop with this sampling period, s.
 fn reference_of(desk: &Desk, text: &str, period_s: f64) -> Result<Reference> {
     let path = Path::new(text);
-    let file_is_meant = path.is_file() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let file_is_meant = path.is_file()
+        || path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     if !file_is_meant {
         return Reference::named(text, period_s).map_err(|m| Error::new("", m));
     }
     let table = readers::read(text, &desk.bytes(path, "a reference")?, Hints::default())?;
     let [time_s, reference_um] = table.columns.as_slice() else {
-        return Err(wrong(path, format!("{} columns; expected two, time in s and the reference in um", table.columns.len())));
+        return Err(wrong(
+            path,
+            format!(
+                "{} columns; expected two, time in s and the reference in um",
+                table.columns.len()
+            ),
+        ));
     };
     for (column, expected) in [(time_s, "s"), (reference_um, "um")] {
         if let Some(unit) = column.unit.as_ref().filter(|unit| *unit != expected) {
-            return Err(wrong(path, format!("column {} is in {unit}; expected {expected}", column.called())));
+            return Err(wrong(
+                path,
+                format!(
+                    "column {} is in {unit}; expected {expected}",
+                    column.called()
+                ),
+            ));
         }
     }
     Reference::through(&time_s.values, &reference_um.values, period_s).map_err(|m| wrong(path, m))
@@ -66,27 +81,54 @@ struct TrackFigures<'a> {
 /// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D]
 /// [--added-mass RATIO] [--capacitance-uf C]`.
 pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
-    let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass, capacitance_uf } = *wanted;
+    let TrackRequest {
+        reference,
+        scheme,
+        sensor_noise_um,
+        disturbance,
+        added_mass,
+        capacitance_uf,
+    } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;
     outputs.check(&desk)?;
     if let Some(uf) = capacitance_uf.filter(|uf| !(*uf > 0.0 && uf.is_finite())) {
-        return Err(Error::new("--capacitance-uf", format!("{uf}; expected above 0")));
+        return Err(Error::new(
+            "--capacitance-uf",
+            format!("{uf}; expected above 0"),
+        ));
     }
     let period_s = design.period_s();
     let followed = reference_of(&desk, reference, period_s)?;
-    let disturbance_said = disturbance.map(|text| Disturbance::parse(text, period_s)).transpose().map_err(|m| Error::new("", m))?;
-    let work = Work { scheme, sensor_noise_um, disturbance: disturbance_said, added_mass };
+    let disturbance_said = disturbance
+        .map(|text| Disturbance::parse(text, period_s))
+        .transpose()
+        .map_err(|m| Error::new("", m))?;
+    let work = Work {
+        scheme,
+        sensor_noise_um,
+        disturbance: disturbance_said,
+        added_mass,
+    };
     let refused = |m: String| Error::new("", m);
     let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;
-    let band = commands::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
+    let band =
+        commands::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
     let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
-    let loaded = if added_mass > 0.0 { format!(", {} times the moving mass", 1.0 + added_mass) } else { String::new() };
+    let loaded = if added_mass > 0.0 {
+        format!(", {} times the moving mass", 1.0 + added_mass)
+    } else {
+        String::new()
+    };
     let at_work = format!("{} on {reference}{pushed}{loaded}", result.scheme);
     println!("{at_work}");
     println!("  plant: {}", result.plant);
-    println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
+    println!(
+        "  true    RMS {}, max {}",
+        nm(result.truth.rms_um),
+        nm(result.truth.max_um)
+    );
     println!(
         "  read    RMS {}, max {}, as hardware shows it: {} of noise included ({} without)",
         nm(result.as_read.rms_um),
@@ -101,17 +143,34 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         println!("  {word:7} {said}");
     }
     if let Some(beside) = &result.beside {
-        println!("  {} on the same run, true RMS {}, max {}", beside.scheme, nm(beside.truth.rms_um), nm(beside.truth.max_um));
+        println!(
+            "  {} on the same run, true RMS {}, max {}",
+            beside.scheme,
+            nm(beside.truth.rms_um),
+            nm(beside.truth.max_um)
+        );
     }
-    println!("  mean error {}, {} saturated ticks", nm(result.steady_state_um), result.saturated_ticks);
-    let DriveFigures { range_v: [low_v, high_v], rate_max_v_s, rate_rms_v_s } = result.drive;
+    println!(
+        "  mean error {}, {} saturated ticks",
+        nm(result.steady_state_um),
+        result.saturated_ticks
+    );
+    let DriveFigures {
+        range_v: [low_v, high_v],
+        rate_max_v_s,
+        rate_rms_v_s,
+    } = result.drive;
     println!(
         "  drive   {low_v:.1} to {high_v:.1} V, at most {:.1} V/ms from tick to tick, {:.1} V/ms RMS",
         1e-3 * rate_max_v_s,
         1e-3 * rate_rms_v_s
     );
     if let Some(uf) = capacitance_uf {
-        println!("  current {:.1} mA at most, {:.1} mA RMS, into {uf} uF", 1e-3 * uf * rate_max_v_s, 1e-3 * uf * rate_rms_v_s);
+        println!(
+            "  current {:.1} mA at most, {:.1} mA RMS, into {uf} uF",
+            1e-3 * uf * rate_max_v_s,
+            1e-3 * uf * rate_rms_v_s
+        );
     }
     if let Some(sentence) = words::sensor_lag(result.sensor_lag_s, result.model_sensor_lag_s) {
         println!("  {sentence}");
@@ -119,19 +178,42 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
     if let Some(gain) = result.adapted_gain {
         println!("  the gain was corrected to {gain:.3} times the model's");
     }
-    desk.write_json(outputs.json.as_deref(), &TrackFigures { found: &result, band: &band })?;
+    desk.write_json(
+        outputs.json.as_deref(),
+        &TrackFigures {
+            found: &result,
+            band: &band,
+        },
+    )?;
     let period_s = match &followed {
         Reference::Periodic(periodic) => Some(1.0 / periodic.frequency_hz),
         Reference::Step { .. } | Reference::Points(_) => None,
     };
     // A step of its own is on the page already.
     let small_step = match outputs.report.as_ref().filter(|_| result.step.is_none()) {
-        Some(_) => Some(commands::follow_step(&chain, &design, &Work { disturbance: None, ..work }).map_err(refused)?),
+        Some(_) => Some(
+            commands::follow_step(
+                &chain,
+                &design,
+                &Work {
+                    disturbance: None,
+                    ..work
+                },
+            )
+            .map_err(refused)?,
+        ),
         None => None,
     };
     let step = small_step.as_ref();
     desk.write_page(outputs.report.as_deref(), || {
-        TrackPage { found: &result, period_s, band: Some(&band), step, capacitance_uf }.page(at_work)
+        TrackPage {
+            found: &result,
+            period_s,
+            band: Some(&band),
+            step,
+            capacitance_uf,
+        }
+        .page(at_work)
     })?;
     let trouble = result.trouble();
     if let Some(trouble) = &trouble {

@@ -11,9 +11,15 @@ use std::path::Path;
 /// The folder does not exist or cannot be written; the disk is full.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link stays one: what it points to is replaced.
-    let behind = if path.is_symlink() { fs::canonicalize(path)? } else { path.to_path_buf() };
+    let behind = if path.is_symlink() {
+        fs::canonicalize(path)?
+    } else {
+        path.to_path_buf()
+    };
     let path = behind.as_path();
-    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;
+    let name = path
+        .file_name()
+        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;
     let mut part_name = std::ffi::OsString::from(".");
     part_name.push(name);
     part_name.push(format!(".{}.part", std::process::id()));
@@ -55,7 +61,10 @@ mod tests {
             assert!(taken.join("link").is_symlink());
             assert_eq!(fs::read(&file).unwrap(), b"through");
         }
-        let left: Vec<_> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+        let left: Vec<_> = fs::read_dir(&folder)
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
         assert_eq!(left.len(), 2, "{left:?}");
         fs::remove_dir_all(&folder).unwrap();
     }

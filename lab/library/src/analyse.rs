@@ -71,7 +71,10 @@ pub struct NextExperiment {
 /// All built-in candidates and the user's own.
 #[must_use]
 pub fn candidates(own: &[Arc<dyn Effect>]) -> Vec<Arc<dyn Effect>> {
-    let mut all: Vec<Arc<dyn Effect>> = registry().into_iter().filter(|e| e.declaration().candidate).collect();
+    let mut all: Vec<Arc<dyn Effect>> = registry()
+        .into_iter()
+        .filter(|e| e.declaration().candidate)
+        .collect();
     all.extend(own.iter().cloned());
     all
 }
@@ -99,16 +102,29 @@ pub struct Options {
 /// # Errors
 /// Where the effects to start from make no chain ([`require_chain`]); where a model or a candidate gives
 /// something that is no number: with effect, record and sample.
-pub fn analyse(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Outcome> {
+pub fn analyse(
+    dataset: &Dataset,
+    start: Start,
+    options: &Options,
+    watch: &dyn Watch,
+) -> Result<Outcome> {
     if let Start::Effects(effects) = &start {
         require_chain(effects, dataset)?;
     }
     require_signals(&options.own, dataset)?;
     let found = once(dataset, start.clone(), options, watch)?;
-    let Some(corrected) = found.retry.filter(|_| !found.outcome.stopped && !watch.searched_enough()) else { return Ok(found.outcome) };
+    let Some(corrected) = found
+        .retry
+        .filter(|_| !found.outcome.stopped && !watch.searched_enough())
+    else {
+        return Ok(found.outcome);
+    };
     watch.event(&WatchEvent::Doing("once more, on the corrected data set"));
     let again = once(&corrected, start, options, watch)?.outcome;
-    Ok(Outcome { corrected: Some(corrected), ..again })
+    Ok(Outcome {
+        corrected: Some(corrected),
+        ..again
+    })
 }
 
 /// One run, and the data set on which to run again.
@@ -119,15 +135,32 @@ struct Once {
 
 fn once(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Once> {
     match for_evidence(dataset, options.policy.weighed_samples) {
-        Some(beginnings) => to_the_whole(dataset, &beginnings, decided(&beginnings, start, options, watch)?, watch),
+        Some(beginnings) => to_the_whole(
+            dataset,
+            &beginnings,
+            decided(&beginnings, start, options, watch)?,
+            watch,
+        ),
         None => decided(dataset, start, options, watch),
     }
 }
 
 /// What was decided on the beginnings of long records, with the model fitted to the whole of them.
-fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Once, watch: &dyn Watch) -> Result<Once> {
+fn to_the_whole(
+    dataset: &Dataset,
+    beginnings: &Dataset,
+    mut found: Once,
+    watch: &dyn Watch,
+) -> Result<Once> {
     let outcome = &mut found.outcome;
-    let samples = |data: &Dataset| -> usize { outcome.split.both().iter().map(|i| data.records[*i].window.len()).sum() };
+    let samples = |data: &Dataset| -> usize {
+        outcome
+            .split
+            .both()
+            .iter()
+            .map(|i| data.records[*i].window.len())
+            .sum()
+    };
     outcome.floor.warnings.push(format!(
         "long records: decided on the first {:.1} % of each, {} of {} samples; the last model is fitted to the whole, and its errors by record are of that",
         100.0 * samples(beginnings) as f64 / samples(dataset) as f64,
@@ -141,13 +174,20 @@ fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Once, watch:
         require_finite(&fitted, dataset, &outcome.split.both())?;
         outcome.model = fitted;
     }
-    found.retry = found.retry.and_then(|_| quality::corrected(dataset, &found.outcome.diagnosis.issues));
+    found.retry = found
+        .retry
+        .and_then(|_| quality::corrected(dataset, &found.outcome.diagnosis.issues));
     Ok(found)
 }
 
 /// Rows of the fit to the whole of long records, and how far it goes: it begins where their beginnings end.
 const WHOLE_SAMPLES: usize = 100_000;
-const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3, looks_again: false };
+const WHOLE: Effort = Effort {
+    iterations: 4,
+    tolerance: 0.2,
+    relative: 1e-3,
+    looks_again: false,
+};
 
 /// What a search came to, however it began.
 #[derive(Default)]
@@ -172,10 +212,18 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     issues.extend(quality::issues(dataset, Moment::BeforeSearch));
     let mut floor = noise_floor(dataset);
     let mut study = study_of(dataset, options, &floor, watch);
-    let blocked = issues.iter().any(|issue| issue.severity == Severity::Blocks);
-    let mut grown = if blocked { unfitted(&start, &study) } else { grown_from(&start, &study)? };
+    let blocked = issues
+        .iter()
+        .any(|issue| issue.severity == Severity::Blocks);
+    let mut grown = if blocked {
+        unfitted(&start, &study)
+    } else {
+        grown_from(&start, &study)?
+    };
     for _ in 1..FLOORS_MAX {
-        let Some(beside) = floor_of(&grown, &floor, &study).filter(|_| !blocked && !grown.stopped && !grown.out_of_time) else {
+        let Some(beside) = floor_of(&grown, &floor, &study)
+            .filter(|_| !blocked && !grown.stopped && !grown.out_of_time)
+        else {
             break;
         };
         let another = differ(floor.rms_um, beside.rms_um) && is_near(&grown, &study, &beside);
@@ -184,19 +232,42 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         if !another {
             break;
         }
-        watch.event(&WatchEvent::Doing("searching again beside what the drive's own noise makes"));
+        watch.event(&WatchEvent::Doing(
+            "searching again beside what the drive's own noise makes",
+        ));
         grown = grown_from(&start, &study)?;
     }
     if grown.out_of_time {
-        floor.warnings.push("the search ended where it was when its time was over: with more it may find more".to_owned());
+        floor.warnings.push(
+            "the search ended where it was when its time was over: with more it may find more"
+                .to_owned(),
+        );
     }
     let quantised = quantise(&mut grown.steps, &floor, &study.overview);
     let mut retry = None;
     if !blocked && !grown.stopped {
-        let (first, last) = (&grown.steps[0].judged, &grown.steps[grown.steps.len() - 1].judged);
-        let added: Vec<String> = last.model.effect_ids().into_iter().filter(|id| first.model.effect(id).is_none()).collect();
-        let end = End { study: &study, noise: &floor, first, last, added: &added };
-        let after = if grown.issues.is_empty() { quality::issues(dataset, Moment::End(&end)) } else { std::mem::take(&mut grown.issues) };
+        let (first, last) = (
+            &grown.steps[0].judged,
+            &grown.steps[grown.steps.len() - 1].judged,
+        );
+        let added: Vec<String> = last
+            .model
+            .effect_ids()
+            .into_iter()
+            .filter(|id| first.model.effect(id).is_none())
+            .collect();
+        let end = End {
+            study: &study,
+            noise: &floor,
+            first,
+            last,
+            added: &added,
+        };
+        let after = if grown.issues.is_empty() {
+            quality::issues(dataset, Moment::End(&end))
+        } else {
+            std::mem::take(&mut grown.issues)
+        };
         retry = quality::corrected(dataset, &after);
         issues.extend(after);
     }
@@ -223,14 +294,35 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         issues,
         stopped: grown.stopped,
         out_of_time: grown.out_of_time,
-        in_vain: next.as_ref().filter(|best| !best.proposal.decides(floor.rms_um)).map(|best| (&best.between, best.proposal.separation_um)),
+        in_vain: next
+            .as_ref()
+            .filter(|best| !best.proposal.decides(floor.rms_um))
+            .map(|best| (&best.between, best.proposal.separation_um)),
     };
     let diagnosis = reporting::diagnosis(found, &floor, &study);
-    let next_experiment = next.filter(|best| diagnosis.verdict == Verdict::Ambiguous && best.proposal.decides(floor.rms_um));
+    let next_experiment = next.filter(|best| {
+        diagnosis.verdict == Verdict::Ambiguous && best.proposal.decides(floor.rms_um)
+    });
     let split = study.split.clone();
     drop(study);
-    let Grown { steps, weighed, stopped, .. } = grown;
-    let outcome = Outcome { model, steps, weighed, floor, diagnosis, cannot_identify, split, next_experiment, corrected: None, stopped };
+    let Grown {
+        steps,
+        weighed,
+        stopped,
+        ..
+    } = grown;
+    let outcome = Outcome {
+        model,
+        steps,
+        weighed,
+        floor,
+        diagnosis,
+        cannot_identify,
+        split,
+        next_experiment,
+        corrected: None,
+        stopped,
+    };
     Ok(Once { outcome, retry })
 }
 
@@ -243,27 +335,49 @@ const ANOTHER_FLOOR: f64 = 0.1;
 /// A model of the search comes near one of two floors: far above both they are the same to it.
 fn is_near(grown: &Grown, study: &Study, beside: &NoiseFloor) -> bool {
     let last = &grown.steps[grown.steps.len() - 1].judged;
-    let near = |floors_um: &[Option<f64>]| last.within(study.policy.near_the_noise, floors_um, &study.split);
+    let near = |floors_um: &[Option<f64>]| {
+        last.within(study.policy.near_the_noise, floors_um, &study.split)
+    };
     near(&study.floors_um) || near(&beside.of_records_um)
 }
 
 fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
-    one_um.zip(other_um).is_none_or(|(one_um, other_um)| (one_um - other_um).abs() > ANOTHER_FLOOR * one_um.min(other_um))
+    one_um.zip(other_um).is_none_or(|(one_um, other_um)| {
+        (one_um - other_um).abs() > ANOTHER_FLOOR * one_um.min(other_um)
+    })
 }
 
 /// The noise beside the first model on the way that leaves no more than it, or else beside the last: a model
 /// that smooths more passes less of the noise in the drive's column on, and is not better for that.
 fn floor_of(grown: &Grown, floor: &NoiseFloor, study: &Study) -> Option<NoiseFloor> {
     floor.read_back?;
-    let beside = |judged: &Judged| judged.floor_beside(floor, study.policy.explained, study.dataset);
-    let leaves_nothing =
-        |judged: &Judged| beside(judged).filter(|beside| judged.within(study.as_the_noise(), &beside.of_records_um, &study.split));
+    let beside =
+        |judged: &Judged| judged.floor_beside(floor, study.policy.explained, study.dataset);
+    let leaves_nothing = |judged: &Judged| {
+        beside(judged).filter(|beside| {
+            judged.within(study.as_the_noise(), &beside.of_records_um, &study.split)
+        })
+    };
     let (last, before) = grown.steps.split_last()?;
-    before.iter().find_map(|step| leaves_nothing(&step.judged)).or_else(|| beside(&last.judged))
+    before
+        .iter()
+        .find_map(|step| leaves_nothing(&step.judged))
+        .or_else(|| beside(&last.judged))
 }
 
-fn study_of<'a>(dataset: &'a Dataset, options: &Options, floor: &NoiseFloor, watch: &'a dyn Watch) -> Study<'a> {
-    Study::new(dataset, candidates(&options.own), floor, options.policy.clone(), watch)
+fn study_of<'a>(
+    dataset: &'a Dataset,
+    options: &Options,
+    floor: &NoiseFloor,
+    watch: &'a dyn Watch,
+) -> Study<'a> {
+    Study::new(
+        dataset,
+        candidates(&options.own),
+        floor,
+        options.policy.clone(),
+        watch,
+    )
 }
 
 /// The start as it is: nothing is fitted to what a quality check blocks.
@@ -272,11 +386,19 @@ fn unfitted(start: &Start, study: &Study) -> Grown {
         Start::Model(model) => model.clone(),
         Start::Effects(effects) => {
             let mut model = Model::new(study.dataset.drive_min_v, study.dataset.drive_max_v);
-            effects.iter().for_each(|effect| model.add(EffectInstance::new(effect.clone(), &study.overview, &[])));
+            effects.iter().for_each(|effect| {
+                model.add(EffectInstance::new(effect.clone(), &study.overview, &[]))
+            });
             model
         }
     };
-    Grown { steps: vec![PathStep { change: ModelChange::Start, judged: study.judged(model) }], ..Grown::default() }
+    Grown {
+        steps: vec![PathStep {
+            change: ModelChange::Start,
+            judged: study.judged(model),
+        }],
+        ..Grown::default()
+    }
 }
 
 fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
@@ -285,7 +407,12 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
             let base = study.build(effects)?;
             require_finite(&base.model, study.dataset, &study.split.both())?;
             match quality::issues(study.dataset, Moment::FirstFit(study, &base)) {
-                issues if issues.is_empty() => grow(study, Pool::of(study, &base.model), &base, &structure_of(&base.model)),
+                issues if issues.is_empty() => grow(
+                    study,
+                    Pool::of(study, &base.model),
+                    &base,
+                    &structure_of(&base.model),
+                ),
                 issues => Ok(Grown { issues, ..at(base) }),
             }
         }
@@ -298,7 +425,13 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
 
 /// A start at which everything ends.
 fn at(judged: Judged) -> Grown {
-    Grown { steps: vec![PathStep { change: ModelChange::Start, judged }], ..Grown::default() }
+    Grown {
+        steps: vec![PathStep {
+            change: ModelChange::Start,
+            judged,
+        }],
+        ..Grown::default()
+    }
 }
 
 fn structure_of(model: &Model) -> Option<String> {
@@ -312,12 +445,22 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let mut search = Search::over(pool);
     if study.nothing_left(base) && !study.watch.stopped() {
         // Nothing is left above the noise: only a signature that is there beyond chance is worth a search.
-        let screening = study.weigh(&base.model, &study.candidates_for(&base.model), study.policy.seed)?;
+        let screening = study.weigh(
+            &base.model,
+            &study.candidates_for(&base.model),
+            study.policy.seed,
+        )?;
         let significant = |e: &ScreeningEvidence| e.p_adjusted <= study.policy.family_wise;
-        let quiet = !screening.scores.iter().any(|s| s.evidence.as_ref().is_some_and(significant));
+        let quiet = !screening
+            .scores
+            .iter()
+            .any(|s| s.evidence.as_ref().is_some_and(significant));
         beside_start = Some(screening);
         if quiet {
-            return Ok(Grown { beside_start, ..at(base.clone()) });
+            return Ok(Grown {
+                beside_start,
+                ..at(base.clone())
+            });
         }
     }
     let (mut forgiven, mut closed) = (BTreeSet::new(), BTreeSet::new());
@@ -325,21 +468,31 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     loop {
         search.run()?;
         if search.stopped {
-            return Ok(Grown { stopped: true, beside_start, ..best_so_far(study, &search.pool, base) });
+            return Ok(Grown {
+                stopped: true,
+                beside_start,
+                ..best_so_far(study, &search.pool, base)
+            });
         }
         begin_again(&mut search.pool)?;
         let before = search.pool.rank(search.pool.best());
         selected = close(&mut search.pool, &forgiven, &mut closed)?;
         // What came out of single moves around the simplest models may lead further.
         let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
-        if !gained || search.out_of_time || study.met(&search.pool.best().judged) || closed.len() >= study.policy.closures_max {
+        if !gained
+            || search.out_of_time
+            || study.met(&search.pool.best().judged)
+            || closed.len() >= study.policy.closures_max
+        {
             break;
         }
     }
     let (out_of_time, mut pool) = (search.out_of_time, search.pool);
     let mut weighed;
     loop {
-        study.watch.event(&WatchEvent::Doing("weighing the evidence for each effect"));
+        study
+            .watch
+            .event(&WatchEvent::Doing("weighing the evidence for each effect"));
         let by_chance;
         (weighed, by_chance) = weigh(&mut pool, &selected.minimal)?;
         let before = forgiven.len();
@@ -349,36 +502,75 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         }
         selected = close(&mut pool, &forgiven, &mut closed)?;
     }
-    let simplest: Vec<Entry> = selected.minimal.iter().map(|k| pool.entries[k].clone()).collect();
+    let simplest: Vec<Entry> = selected
+        .minimal
+        .iter()
+        .map(|k| pool.entries[k].clone())
+        .collect();
     let end = end_of(&pool, &selected);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
     let mut thorough = study.thoroughly(&end.judged.model);
     if study.searched_beginnings() {
         thorough = with_creep_of_the_whole(study, thorough);
     }
-    let end_judged = if thorough.identify_rms_um.is_finite() { thorough } else { study.judged(end.judged.model.clone()) };
+    let end_judged = if thorough.identify_rms_um.is_finite() {
+        thorough
+    } else {
+        study.judged(end.judged.model.clone())
+    };
     let origin: Vec<Move> = pool.origin.clone();
-    let added: Vec<String> = end.added().into_iter().filter(|id| !origin.contains(&Move::Added(id.clone()))).collect();
-    let finer = |m: &Model| (finer_hysteresis::description(m), finer_creep::description(m));
+    let added: Vec<String> = end
+        .added()
+        .into_iter()
+        .filter(|id| !origin.contains(&Move::Added(id.clone())))
+        .collect();
+    let finer = |m: &Model| {
+        (
+            finer_hysteresis::description(m),
+            finer_creep::description(m),
+        )
+    };
     let steps = if added.is_empty() && finer(&base.model) == finer(&end_judged.model) {
-        vec![PathStep { change: ModelChange::Start, judged: base.clone() }]
+        vec![PathStep {
+            change: ModelChange::Start,
+            judged: base.clone(),
+        }]
     } else {
         path::from(study, base, &added, &end_judged)?
     };
     if beside_start.is_none() && simplest.first().is_none_or(|e| e.moves == origin) {
-        beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), study.policy.seed)?);
+        beside_start = Some(study.weigh(
+            &base.model,
+            &study.candidates_for(&base.model),
+            study.policy.seed,
+        )?);
     }
     let loops = other_loops(&simplest, &end_judged.model, loops);
-    Ok(Grown { steps, weighed, models: kept_models(&simplest), simplest, beside_start, loops, out_of_time, ..Grown::default() })
+    Ok(Grown {
+        steps,
+        weighed,
+        models: kept_models(&simplest),
+        simplest,
+        beside_start,
+        loops,
+        out_of_time,
+        ..Grown::default()
+    })
 }
 
 /// The best model of a pool with each effect that has several initial guesses begun again beside the others.
 fn begin_again(pool: &mut Pool) -> Result<()> {
     let (study, best) = (pool.study, pool.best().clone());
-    if best.moves == pool.origin || study.met(&best.judged) || study.watch.stopped() || study.watch.searched_enough() {
+    if best.moves == pool.origin
+        || study.met(&best.judged)
+        || study.watch.stopped()
+        || study.watch.searched_enough()
+    {
         return Ok(());
     }
-    study.watch.event(&WatchEvent::Doing("beginning values again"));
+    study
+        .watch
+        .event(&WatchEvent::Doing("beginning values again"));
     let again = study.begun_again(&best.judged)?;
     pool.keep(Entry::new(study, best.moves, again, true));
     Ok(())
@@ -390,8 +582,18 @@ fn end_of(pool: &Pool, selected: &Selected) -> Entry {
     let simplest: Vec<&Entry> = selected.minimal.iter().map(|k| &pool.entries[k]).collect();
     let margin = pool.study.policy.matters_at_noise;
     let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
-    let has_all = |e: &&Entry| e.compared && simplest.iter().any(|s| s.moves.iter().all(|m| e.moves.contains(m)));
-    pool.entries.values().filter(has_all).min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or_else(|| pool.best()).clone()
+    let has_all = |e: &&Entry| {
+        e.compared
+            && simplest
+                .iter()
+                .any(|s| s.moves.iter().all(|m| e.moves.contains(m)))
+    };
+    pool.entries
+        .values()
+        .filter(has_all)
+        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+        .unwrap_or_else(|| pool.best())
+        .clone()
 }
 
 /// The simplest models as they are written: of those with the same moves the best.
@@ -400,7 +602,10 @@ fn kept_models(simplest: &[Entry]) -> Vec<KeptModel> {
     for entry in simplest {
         let effects: Vec<String> = entry.moves.iter().map(|m| m.effect().to_owned()).collect();
         if out.iter().all(|m| m.effects != effects) {
-            out.push(KeptModel { effects, rms_um: Residuals::of(&entry.judged) });
+            out.push(KeptModel {
+                effects,
+                rms_um: Residuals::of(&entry.judged),
+            });
         }
     }
     out
@@ -410,12 +615,17 @@ fn kept_models(simplest: &[Entry]) -> Vec<KeptModel> {
 /// structure that was there before. In the place of a gain loops are an effect that was added, and named as
 /// one.
 fn other_loops(simplest: &[Entry], end: &Model, before: &Option<String>) -> Vec<String> {
-    let Some(before) = before else { return Vec::new() };
+    let Some(before) = before else {
+        return Vec::new();
+    };
     if structure(end).as_ref() == Some(before) {
         return Vec::new();
     }
     let mut out = vec![finer_hysteresis::description(end)];
-    for other in simplest.iter().filter(|e| structure(&e.judged.model) != structure(end)) {
+    for other in simplest
+        .iter()
+        .filter(|e| structure(&e.judged.model) != structure(end))
+    {
         let description = finer_hysteresis::description(&other.judged.model);
         if !out.contains(&description) {
             out.push(description);
@@ -428,8 +638,21 @@ fn other_loops(simplest: &[Entry], end: &Model, before: &Option<String>) -> Vec<
 fn best_so_far(study: &Study, pool: &Pool, base: &Judged) -> Grown {
     let best = pool.best();
     let judged = study.judged(best.judged.model.clone());
-    let change = if best.added().is_empty() { ModelChange::FittedAgain } else { ModelChange::AddedUnweighed(best.added()) };
-    Grown { steps: vec![PathStep { change: ModelChange::Start, judged: base.clone() }, PathStep { change, judged }], ..Grown::default() }
+    let change = if best.added().is_empty() {
+        ModelChange::FittedAgain
+    } else {
+        ModelChange::AddedUnweighed(best.added())
+    };
+    Grown {
+        steps: vec![
+            PathStep {
+                change: ModelChange::Start,
+                judged: base.clone(),
+            },
+            PathStep { change, judged },
+        ],
+        ..Grown::default()
+    }
 }
 
 /// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not
@@ -437,10 +660,14 @@ fn best_so_far(study: &Study, pool: &Pool, base: &Judged) -> Grown {
 fn with_creep_of_the_whole(study: &Study, found: Judged) -> Judged {
     let mut best = found;
     while !study.met(&best) && !study.watch.stopped() {
-        let finer = parallel::map(&study.finer_creep(&best.model), |begin| study.thoroughly(begin));
+        let finer = parallel::map(&study.finer_creep(&best.model), |begin| {
+            study.thoroughly(begin)
+        });
         let least = study.merit(&best) - study.policy.least_gain;
         let better = finer.into_iter().filter(|one| study.merit(one) < least);
-        let Some(better) = better.min_by(|a, b| study.merit(a).total_cmp(&study.merit(b))) else { break };
+        let Some(better) = better.min_by(|a, b| study.merit(a).total_cmp(&study.merit(b))) else {
+            break;
+        };
         best = better;
     }
     best
@@ -451,20 +678,44 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     let base = study.judged(model);
     let of_the_model = quality::issues(study.dataset, Moment::PriorModel(study, &base));
     if !of_the_model.is_empty() {
-        return Ok(Grown { issues: of_the_model, ..at(base) });
+        return Ok(Grown {
+            issues: of_the_model,
+            ..at(base)
+        });
     }
     let compared = prior::compare(study, base)?;
     let issues = quality::issues(study.dataset, Moment::FirstFit(study, &compared.refitted));
     if !issues.is_empty() {
-        return Ok(Grown { issues, ..at(compared.refitted) });
+        return Ok(Grown {
+            issues,
+            ..at(compared.refitted)
+        });
     }
     let loops = structure_of(&compared.base.model);
     if compared.at_home || study.watch.stopped() {
-        return grow(study, Pool::of(study, &compared.base.model), &compared.base, &loops);
+        return grow(
+            study,
+            Pool::of(study, &compared.base.model),
+            &compared.base,
+            &loops,
+        );
     }
-    let prior::Compared { base, refitted, mut pool, selected, .. } = compared;
-    let simplest = selected.minimal.first().map(|k| pool.entries[k].clone()).filter(|e| e.held);
-    let mut steps = vec![PathStep { change: ModelChange::Start, judged: base.clone() }];
+    let prior::Compared {
+        base,
+        refitted,
+        mut pool,
+        selected,
+        ..
+    } = compared;
+    let simplest = selected
+        .minimal
+        .first()
+        .map(|k| pool.entries[k].clone())
+        .filter(|e| e.held);
+    let mut steps = vec![PathStep {
+        change: ModelChange::Start,
+        judged: base.clone(),
+    }];
     let (moves, mut fitted) = match &simplest {
         Some(entry) => {
             let told = study.judged(prior::all_free(&entry.judged.model, &base.model));
@@ -472,30 +723,60 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
                 Move::Added(id) => ModelChange::Added(id.clone()),
                 Move::Freed(id) => ModelChange::Changed(id.clone()),
             });
-            steps.extend(changed.map(|change| PathStep { change, judged: told.clone() }));
+            steps.extend(changed.map(|change| PathStep {
+                change,
+                judged: told.clone(),
+            }));
             let again = study.thoroughly(&told.model);
             // Values that this recording does not fix are better where they were identified than where its
             // noise would bring them: the held-out records decide.
-            let met_better = study.merit(&again) <= study.merit(&told) && again.validate_rms_um <= told.validate_rms_um;
+            let met_better = study.merit(&again) <= study.merit(&told)
+                && again.validate_rms_um <= told.validate_rms_um;
             (entry.moves.clone(), if met_better { again } else { told })
         }
         None => (Vec::new(), refitted),
     };
-    steps.push(PathStep { change: ModelChange::FittedAgain, judged: fitted.clone() });
+    steps.push(PathStep {
+        change: ModelChange::FittedAgain,
+        judged: fitted.clone(),
+    });
     let all_freed = base.model.effects.iter().map(|e| Move::Freed(e.id.clone()));
-    let mut origin: Vec<Move> = moves.iter().filter(|m| matches!(m, Move::Added(_))).cloned().chain(all_freed).collect();
+    let mut origin: Vec<Move> = moves
+        .iter()
+        .filter(|m| matches!(m, Move::Added(_)))
+        .cloned()
+        .chain(all_freed)
+        .collect();
     origin.sort();
     // Far above the noise, or where nobody knows it, the prior model left as much at home, and the question
     // was what the new recording has.
-    let goes_on = study.floor_um.is_some() && !study.met(&fitted) && (study.near_the_noise(&fitted) || simplest.is_none());
-    let mut grown = Grown { stopped: study.watch.stopped(), ..Grown::default() };
+    let goes_on = study.floor_um.is_some()
+        && !study.met(&fitted)
+        && (study.near_the_noise(&fitted) || simplest.is_none());
+    let mut grown = Grown {
+        stopped: study.watch.stopped(),
+        ..Grown::default()
+    };
     if goes_on && !grown.stopped {
-        pool.keep(Entry { extended: false, ..Entry::new(study, origin.clone(), study.judged_quickly(fitted.model.clone()), true) });
+        pool.keep(Entry {
+            extended: false,
+            ..Entry::new(
+                study,
+                origin.clone(),
+                study.judged_quickly(fitted.model.clone()),
+                true,
+            )
+        });
         if let Some(start) = pool.entries.values_mut().find(|e| e.moves == origin) {
             start.extended = false;
         }
         pool.origin = origin;
-        let tried: Vec<Entry> = pool.entries.values().filter(|e| e.held && e.moves.len() == 1).cloned().collect();
+        let tried: Vec<Entry> = pool
+            .entries
+            .values()
+            .filter(|e| e.held && e.moves.len() == 1)
+            .cloned()
+            .collect();
         grown = grow(study, pool, &fitted, &loops)?;
         steps.extend(grown.steps.drain(..).skip(1));
         grown.tried = tried;
@@ -503,20 +784,39 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     } else {
         let (weighed, _) = weigh(&mut pool, &selected.minimal)?;
         grown.weighed = weighed;
-        grown.simplest = selected.minimal.iter().map(|k| pool.entries[k].clone()).collect();
+        grown.simplest = selected
+            .minimal
+            .iter()
+            .map(|k| pool.entries[k].clone())
+            .collect();
         grown.models = kept_models(&grown.simplest);
-        grown.tried = pool.entries.values().filter(|e| e.held && e.moves.len() == 1).cloned().collect();
+        grown.tried = pool
+            .entries
+            .values()
+            .filter(|e| e.held && e.moves.len() == 1)
+            .cloned()
+            .collect();
     }
     let _ = fitted;
     // A new fit of everything is no value that has changed.
     let told = grown.simplest.first().filter(|e| e.held);
     grown.changed = told.map_or_else(Vec::new, |entry| {
         let moved = grown.weighed.iter().filter_map(|w| w.slot.moves.first());
-        let freed = moved.filter_map(|m| if let Move::Freed(id) = m { Some(id) } else { None });
-        freed.flat_map(|id| prior::changes(study, id, &base.model, &entry.judged.model)).collect()
+        let freed = moved.filter_map(|m| {
+            if let Move::Freed(id) = m {
+                Some(id)
+            } else {
+                None
+            }
+        });
+        freed
+            .flat_map(|id| prior::changes(study, id, &base.model, &entry.judged.model))
+            .collect()
     });
     if told.is_none() {
-        grown.weighed.retain(|w| w.slot.moves.iter().any(|m| matches!(m, Move::Added(_))));
+        grown
+            .weighed
+            .retain(|w| w.slot.moves.iter().any(|m| matches!(m, Move::Added(_))));
     }
     grown.steps = steps;
     Ok(grown)
@@ -526,24 +826,53 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
 /// everything else is the same without it. Its identifier, where it was added.
 fn quantise(steps: &mut Vec<PathStep>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
     let (step_um, last) = (floor.reading_step_um?, steps.last()?);
-    let (effect, values) = registry().into_iter().find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;
+    let (effect, values) = registry()
+        .into_iter()
+        .find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;
     let id = effect.declaration().id;
     if last.judged.model.effect(&id).is_some() {
         return None;
     }
     let mut judged = last.judged.clone();
-    judged.model.add(EffectInstance::new(effect, overview, &values));
-    steps.push(PathStep { change: ModelChange::Added(id.clone()), judged });
+    judged
+        .model
+        .add(EffectInstance::new(effect, overview, &values));
+    steps.push(PathStep {
+        change: ModelChange::Added(id.clone()),
+        judged,
+    });
     Some(id)
 }
 
 /// Where the simplest models differ, the drive on which the first two differ most.
-fn next_experiment(grown: &Grown, dataset: &Dataset, floor_um: Option<f64>) -> Option<NextExperiment> {
-    let slot = grown.weighed.iter().map(|w| w.slot.effects()).find(|effects| effects.len() > 1)?;
-    let has = |id: &String| grown.simplest.iter().find(|e| e.added().contains(id)).map(|e| &e.judged.model);
-    let proposal = propose(has(&slot[0])?, has(&slot[1])?, &Limits::of(&dataset.overview()))?;
+fn next_experiment(
+    grown: &Grown,
+    dataset: &Dataset,
+    floor_um: Option<f64>,
+) -> Option<NextExperiment> {
+    let slot = grown
+        .weighed
+        .iter()
+        .map(|w| w.slot.effects())
+        .find(|effects| effects.len() > 1)?;
+    let has = |id: &String| {
+        grown
+            .simplest
+            .iter()
+            .find(|e| e.added().contains(id))
+            .map(|e| &e.judged.model)
+    };
+    let proposal = propose(
+        has(&slot[0])?,
+        has(&slot[1])?,
+        &Limits::of(&dataset.overview()),
+    )?;
     let sentence = proposal.sentence(&words::spoken(&slot[0]), &words::spoken(&slot[1]), floor_um);
-    Some(NextExperiment { between: [slot[0].clone(), slot[1].clone()], proposal, sentence })
+    Some(NextExperiment {
+        between: [slot[0].clone(), slot[1].clone()],
+        proposal,
+        sentence,
+    })
 }
 
 impl Outcome {
@@ -551,7 +880,14 @@ impl Outcome {
     #[must_use]
     pub fn figures(&self, dataset: &Dataset, seconds: f64) -> FitFigures {
         let dataset = self.dataset(dataset);
-        let mut out = fit_figures(&self.model, dataset, &self.floor, step_figures(&self.steps), &self.cannot_identify, seconds);
+        let mut out = fit_figures(
+            &self.model,
+            dataset,
+            &self.floor,
+            step_figures(&self.steps),
+            &self.cannot_identify,
+            seconds,
+        );
         out.stopped = self.stopped;
         out.diagnosis = Some(self.diagnosis.clone());
         out

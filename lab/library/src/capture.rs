@@ -49,8 +49,20 @@ impl Converters {
     /// From the line `converters ADC_ZERO ADC_STEP DAC_ZERO DAC_STEP CODE_MIN CODE_MAX RATE`, in the integers
     /// of the parameter block.
     fn from_line(line: &str) -> Option<Self> {
-        let numbers: Vec<f64> = line.strip_prefix("converters ")?.split(' ').map(|word| word.parse().ok()).collect::<Option<_>>()?;
-        let [adc_zero, adc_step, dac_zero, dac_step, code_min, code_max, rate] = numbers.try_into().ok()?;
+        let numbers: Vec<f64> = line
+            .strip_prefix("converters ")?
+            .split(' ')
+            .map(|word| word.parse().ok())
+            .collect::<Option<_>>()?;
+        let [
+            adc_zero,
+            adc_step,
+            dac_zero,
+            dac_step,
+            code_min,
+            code_max,
+            rate,
+        ] = numbers.try_into().ok()?;
         let (dac_zero_v, dac_step_v) = (dac_zero / 2f64.powi(22), dac_step / 2f64.powi(38));
         Some(Self {
             adc_zero_um: adc_zero / 2f64.powi(24),
@@ -80,14 +92,33 @@ pub type DatasetFiles = Vec<(String, Vec<u8>)>;
 pub fn capture(elf: &[u8], raw: &[u8]) -> Result<(CaptureSummary, DatasetFiles)> {
     let table = Table::parse(elf)
         .map_err(|error| Error::new("image", format!("is no image with a log table: {error}")))?
-        .ok_or_else(|| Error::new("image", "has no .defmt section; expected the image that was flashed"))?;
+        .ok_or_else(|| {
+            Error::new(
+                "image",
+                "has no .defmt section; expected the image that was flashed",
+            )
+        })?;
     let mut summary = CaptureSummary::default();
     let (converters, runs) = decode(&table, raw, &mut summary);
-    let converters =
-        converters.ok_or_else(|| Error::new("log", "has no line `converters ..`: the log must begin with the target's start"))?;
-    let finest = runs.iter().filter(|run| run.samples.len() >= LEAST_SAMPLES).map(|run| run.decimation).min();
+    let converters = converters.ok_or_else(|| {
+        Error::new(
+            "log",
+            "has no line `converters ..`: the log must begin with the target's start",
+        )
+    })?;
+    let finest = runs
+        .iter()
+        .filter(|run| run.samples.len() >= LEAST_SAMPLES)
+        .map(|run| run.decimation)
+        .min();
     let Some(finest) = finest else {
-        return Err(Error::new("log", format!("holds no run of {LEAST_SAMPLES} ticks without a gap ({} damaged)", summary.damaged)));
+        return Err(Error::new(
+            "log",
+            format!(
+                "holds no run of {LEAST_SAMPLES} ticks without a gap ({} damaged)",
+                summary.damaged
+            ),
+        ));
     };
     let rate_hz = converters.sample_rate_hz / f64::from(finest);
     let mut files = DatasetFiles::new();
@@ -95,17 +126,26 @@ pub fn capture(elf: &[u8], raw: &[u8]) -> Result<(CaptureSummary, DatasetFiles)>
         "name = \"capture\"\ndrive_min_v = {:?}\ndrive_max_v = {:?}\ntiming = \"hold_after_sample\"\nsensor_lsb_um = {:?}\n",
         converters.drive_min_v, converters.drive_max_v, converters.adc_step_um
     );
-    let kept = runs.iter().filter(|run| run.decimation == finest && run.samples.len() >= LEAST_SAMPLES);
+    let kept = runs
+        .iter()
+        .filter(|run| run.decimation == finest && run.samples.len() >= LEAST_SAMPLES);
     for (nth, run) in kept.enumerate() {
         let mut add = |name: String, text: String, samples: usize| {
             summary.records.push((name.clone(), samples));
             files.push((name, text.into_bytes()));
         };
         // What the run begins with at a constant drive shows the sensor's noise.
-        let at_rest = run.samples.iter().take_while(|sample| Some(sample.dac_code) == run.samples.first().map(|s| s.dac_code)).count();
+        let at_rest = run
+            .samples
+            .iter()
+            .take_while(|sample| Some(sample.dac_code) == run.samples.first().map(|s| s.dac_code))
+            .count();
         if at_rest >= LEAST_REST_SAMPLES {
             let name = format!("run_{}_noise.csv", nth + 1);
-            let rest = Run { decimation: run.decimation, samples: run.samples.iter().take(at_rest).copied().collect() };
+            let rest = Run {
+                decimation: run.decimation,
+                samples: run.samples.iter().take(at_rest).copied().collect(),
+            };
             manifest.push_str(&format!(
                 "\n[[record]]\nfile = \"{name}\"\nsample_rate_hz = {rate_hz:?}\nrole = \"noise\"\ninitial_state = \"settled\"\noffset = \"fit\"\n"
             ));
@@ -116,8 +156,15 @@ pub fn capture(elf: &[u8], raw: &[u8]) -> Result<(CaptureSummary, DatasetFiles)>
         let file = format!("run_{}.csv", nth + 1);
         let samples = run.samples.len() - 1;
         let middle_s = (samples as f64 * 0.6).floor() / rate_hz;
-        let state = if at_rest >= SETTLED_SAMPLES.min(run.samples.len()) { "settled" } else { "unknown" };
-        for (role, window) in [("identify", format!("to_s = {middle_s:?}")), ("validate", format!("from_s = {middle_s:?}"))] {
+        let state = if at_rest >= SETTLED_SAMPLES.min(run.samples.len()) {
+            "settled"
+        } else {
+            "unknown"
+        };
+        for (role, window) in [
+            ("identify", format!("to_s = {middle_s:?}")),
+            ("validate", format!("from_s = {middle_s:?}")),
+        ] {
             manifest.push_str(&format!(
                 "\n[[record]]\nfile = \"{file}\"\nname = \"run_{}_{role}\"\nsample_rate_hz = {rate_hz:?}\nrole = \"{role}\"\ninitial_state = \"{state}\"\noffset = \"fit\"\n{window}\n",
                 nth + 1
@@ -136,12 +183,19 @@ fn csv(run: &Run, c: &Converters, rate_hz: f64) -> String {
         let [before, now] = pair else { continue };
         let drive_v = c.dac_zero_v + f64::from(before.dac_code) * c.dac_step_v;
         let position_um = c.adc_zero_um + f64::from(now.adc_code) * c.adc_step_um;
-        text.push_str(&format!("{:.6},{drive_v:.7},{position_um:.7}\n", k as f64 / rate_hz));
+        text.push_str(&format!(
+            "{:.6},{drive_v:.7},{position_um:.7}\n",
+            k as f64 / rate_hz
+        ));
     }
     text
 }
 
-fn decode(table: &Table, bytes: &[u8], summary: &mut CaptureSummary) -> (Option<Converters>, Vec<Run>) {
+fn decode(
+    table: &Table,
+    bytes: &[u8],
+    summary: &mut CaptureSummary,
+) -> (Option<Converters>, Vec<Run>) {
     let mut decoder = table.new_stream_decoder();
     decoder.received(bytes);
     let (mut converters, mut runs): (Option<Converters>, Vec<Run>) = (None, Vec::new());
@@ -151,8 +205,12 @@ fn decode(table: &Table, bytes: &[u8], summary: &mut CaptureSummary) -> (Option<
                 let text = frame.display_message().to_string();
                 if let Some(found) = Converters::from_line(&text) {
                     converters.get_or_insert(found);
-                } else if let Some(list) = text.strip_prefix("trace [").and_then(|rest| rest.strip_suffix(']')) {
-                    let content: Option<Vec<u8>> = list.split(", ").map(|byte| byte.parse().ok()).collect();
+                } else if let Some(list) = text
+                    .strip_prefix("trace [")
+                    .and_then(|rest| rest.strip_suffix(']'))
+                {
+                    let content: Option<Vec<u8>> =
+                        list.split(", ").map(|byte| byte.parse().ok()).collect();
                     match content.as_deref().map(ReadBlock::read) {
                         Some(Ok(block)) => take(&block, &mut runs, summary),
                         _ => summary.damaged += 1,
@@ -181,7 +239,9 @@ fn take(block: &ReadBlock<'_>, runs: &mut Vec<Run>, summary: &mut CaptureSummary
         match runs.last_mut() {
             Some(run)
                 if run.decimation == decimation
-                    && run.samples.last().is_some_and(|last| last.tick.wrapping_add(u32::from(decimation)) == sample.tick) =>
+                    && run.samples.last().is_some_and(|last| {
+                        last.tick.wrapping_add(u32::from(decimation)) == sample.tick
+                    }) =>
             {
                 run.samples.push(sample);
             }
@@ -189,7 +249,10 @@ fn take(block: &ReadBlock<'_>, runs: &mut Vec<Run>, summary: &mut CaptureSummary
                 if last.is_some_and(|run| run.decimation == decimation) {
                     summary.gaps += 1;
                 }
-                runs.push(Run { decimation, samples: vec![sample] });
+                runs.push(Run {
+                    decimation,
+                    samples: vec![sample],
+                });
             }
         }
     }
@@ -201,10 +264,18 @@ mod tests {
 
     #[test]
     fn the_line_of_converters_is_understood() {
-        let line =
-            format!("converters {} {} {} {} 9362 46811 20000", -(1i64 << 24), (15i64 << 40) >> 16, -20i64 << 22, (140i64 << 38) >> 16);
+        let line = format!(
+            "converters {} {} {} {} 9362 46811 20000",
+            -(1i64 << 24),
+            (15i64 << 40) >> 16,
+            -20i64 << 22,
+            (140i64 << 38) >> 16
+        );
         let found = Converters::from_line(&line).expect("understood");
-        assert!((found.adc_zero_um + 1.0).abs() < 1e-9 && (found.drive_max_v - 80.0).abs() < 0.003, "{found:?}");
+        assert!(
+            (found.adc_zero_um + 1.0).abs() < 1e-9 && (found.drive_max_v - 80.0).abs() < 0.003,
+            "{found:?}"
+        );
         assert_eq!(Converters::from_line("converters 1 2"), None);
     }
 

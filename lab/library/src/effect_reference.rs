@@ -16,17 +16,33 @@ pub fn page() -> String {
         let declaration = effect.declaration();
         // Writing to a text cannot fail.
         if place.replace(declaration.place) != Some(declaration.place) {
-            let name = Place::NAMES.iter().find(|(_, at)| *at == declaration.place).map_or("", |(name, _)| name);
+            let name = Place::NAMES
+                .iter()
+                .find(|(_, at)| *at == declaration.place)
+                .map_or("", |(name, _)| name);
             let _ = write!(out, "\n## {}\n", capital(&name.replace('_', " ")));
         }
-        let _ = write!(out, "\n### `{}`\n\n{}\n", declaration.id, declaration.physics);
+        let _ = write!(
+            out,
+            "\n### `{}`\n\n{}\n",
+            declaration.id, declaration.physics
+        );
         if let Some(other) = declaration.modifies {
-            let _ = write!(out, "\nIts equations enter the stage of `{other}` where the model has one.\n");
+            let _ = write!(
+                out,
+                "\nIts equations enter the stage of `{other}` where the model has one.\n"
+            );
         }
         let _ = write!(out, "\n{}\n", effect.equations());
         let _ = write!(out, "\n| parameter | unit | |\n|---|---|---|\n");
         effect.parameters(&overview).iter().for_each(|p| {
-            let _ = writeln!(out, "| `{}` | {} | {} |", p.name, if p.unit == "1" { "" } else { p.unit.as_str() }, remark(p));
+            let _ = writeln!(
+                out,
+                "| `{}` | {} | {} |",
+                p.name,
+                if p.unit == "1" { "" } else { p.unit.as_str() },
+                remark(p)
+            );
         });
         let _ = write!(
             out,
@@ -49,5 +65,7 @@ fn remark(parameter: &Parameter) -> &'static str {
 
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str())
+    letters.next().map_or_else(String::new, |c| {
+        c.to_uppercase().collect::<String>() + letters.as_str()
+    })
 }

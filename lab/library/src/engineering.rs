@@ -29,28 +29,50 @@ const DT_S: f64 = 1.0;
 #[must_use]
 pub fn loop_figures(model: &Model) -> Option<HysteresisFigures> {
     let mut loops = model.clone();
-    loops.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis && e.effect.definition().is_none());
-    loops.effects.iter().find(|e| e.effect.declaration().is_main())?;
+    loops.effects.retain(|e| {
+        e.effect.declaration().place == Place::Hysteresis && e.effect.definition().is_none()
+    });
+    loops
+        .effects
+        .iter()
+        .find(|e| e.effect.declaration().is_main())?;
     let (from, to) = (model.drive_min_v, model.drive_max_v);
     let at = |k: usize| from + (to - from) * k as f64 / BRANCH as f64;
     let rise = (0..=BRANCH).map(at);
     let fall = (0..BRANCH).rev().map(at);
-    let drive_v: Vec<f64> = rise.clone().chain(fall).chain(rise.skip(1)).chain([to]).collect();
+    let drive_v: Vec<f64> = rise
+        .clone()
+        .chain(fall)
+        .chain(rise.skip(1))
+        .chain([to])
+        .collect();
     let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
     // A reading answers to the drive of the sample before.
     let read = loops.simulate(&drive).split_off(1);
     let falling: Vec<f64> = read[BRANCH..=2 * BRANCH].iter().rev().copied().collect();
     let rising = &read[2 * BRANCH..=3 * BRANCH];
     let height = rising[BRANCH] - rising[0];
-    let slopes =
-        [&falling[..], rising].into_iter().flat_map(|branch| branch.windows(2)).map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
-    let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), slope| (a.min(slope), b.max(slope)));
-    let width = falling.iter().zip(rising).map(|(down, up)| (down - up).abs()).fold(0.0, f64::max);
+    let slopes = [&falling[..], rising]
+        .into_iter()
+        .flat_map(|branch| branch.windows(2))
+        .map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
+    let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), slope| {
+        (a.min(slope), b.max(slope))
+    });
+    let width = falling
+        .iter()
+        .zip(rising)
+        .map(|(down, up)| (down - up).abs())
+        .fold(0.0, f64::max);
     Some(HysteresisFigures {
         gain_um_v: height / (to - from),
         least_slope_um_v: least,
         largest_slope_um_v: largest,
-        width_pct: if height == 0.0 { 0.0 } else { 100.0 * width / height.abs() },
+        width_pct: if height == 0.0 {
+            0.0
+        } else {
+            100.0 * width / height.abs()
+        },
     })
 }
 
@@ -73,7 +95,11 @@ impl Figure {
     /// As it is printed: `620.0 +- 0.2 Hz`.
     #[must_use]
     pub fn text(&self) -> String {
-        let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
+        let unit = if self.unit == "1" {
+            String::new()
+        } else {
+            format!(" {}", self.unit)
+        };
         match (self.value, self.std.filter(|std| *std > 0.0)) {
             (None, _) => "not determined by this data".into(),
             (Some(value), None) => format!("{}{unit}", four(value)),
@@ -110,8 +136,12 @@ pub fn figures(model: &Model, undetermined: &[CannotIdentify]) -> Vec<Figure> {
     let open = |effect: &str, parameter: Option<&str>| {
         undetermined.iter().any(|one| match one {
             CannotIdentify::AnyOf { effect: other } => other == effect,
-            CannotIdentify::SomeOf { effect: other, parameters } => {
-                other == effect && parameter.is_some_and(|parameter| parameters.iter().any(|p| p == parameter))
+            CannotIdentify::SomeOf {
+                effect: other,
+                parameters,
+            } => {
+                other == effect
+                    && parameter.is_some_and(|parameter| parameters.iter().any(|p| p == parameter))
             }
             CannotIdentify::MinorLoops | CannotIdentify::RateDependence { .. } => false,
         })
@@ -157,10 +187,21 @@ pub fn figures(model: &Model, undetermined: &[CannotIdentify]) -> Vec<Figure> {
 
 /// A parameter's name without its unit, the unit that an engineer expects, and the factor to it.
 fn readable(effect: &str, name: &str, unit: &str) -> (String, String, f64) {
-    let suffixes = ["_rad_s", "_um_v", "_um_s", "_um_n", "_per_s", "_per_um2", "_per_um", "_v_s", "_hz", "_um", "_s", "_v"];
-    let plain = suffixes.iter().find_map(|suffix| name.strip_suffix(suffix)).unwrap_or(name).replace('_', " ");
+    let suffixes = [
+        "_rad_s", "_um_v", "_um_s", "_um_n", "_per_s", "_per_um2", "_per_um", "_v_s", "_hz", "_um",
+        "_s", "_v",
+    ];
+    let plain = suffixes
+        .iter()
+        .find_map(|suffix| name.strip_suffix(suffix))
+        .unwrap_or(name)
+        .replace('_', " ");
     let cut_off = effect != sensor_filter::ID && plain == "bandwidth";
-    let plain = if cut_off { "cut-off (-3 dB)".to_owned() } else { plain };
+    let plain = if cut_off {
+        "cut-off (-3 dB)".to_owned()
+    } else {
+        plain
+    };
     match unit {
         "rad/s" => (plain, "Hz".into(), 1.0 / TAU),
         "s" if name == "delay_s" => (plain, "ms".into(), 1e3),
@@ -184,7 +225,10 @@ pub(crate) fn read_by_name(effect: &str, name: &str) -> (String, String, f64) {
         ("_s", "s"),
         ("_v", "V"),
     ];
-    let unit = units.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |(_, unit)| unit);
+    let unit = units
+        .iter()
+        .find(|(suffix, _)| name.ends_with(suffix))
+        .map_or("", |(_, unit)| unit);
     readable(effect, name, unit)
 }
 
@@ -196,16 +240,25 @@ fn creep_figures(instance: &EffectInstance, open: bool) -> Vec<Figure> {
         .filter(|pair| pair[0].value != 0.0)
         .map(|pair| (pair[0].value, pair[1].value, pair[0].std))
         .collect();
-    let (shortest, longest) = terms.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), (_, tau, _)| (a.min(*tau), b.max(*tau)));
+    let (shortest, longest) = terms
+        .iter()
+        .fold((f64::INFINITY, 0.0_f64), |(a, b), (_, tau, _)| {
+            (a.min(*tau), b.max(*tau))
+        });
     if terms.is_empty() {
         return Vec::new();
     }
     let all: f64 = terms.iter().map(|(share, ..)| share).sum();
     let decades = (longest / shortest).log10() + 1.0;
     // A term that is known worse than its own size says nothing of the time from there on.
-    let unknown = |(share, _, std): &&(f64, f64, Option<f64>)| std.is_some_and(|std| std > share.abs());
+    let unknown =
+        |(share, _, std): &&(f64, f64, Option<f64>)| std.is_some_and(|std| std > share.abs());
     let until = terms.iter().find(unknown).map(|(_, tau, _)| *tau);
-    let std = terms.iter().map(|(.., std)| std.map(|std| std * std)).sum::<Option<f64>>().map(|sum: f64| 100.0 * sum.sqrt() / decades);
+    let std = terms
+        .iter()
+        .map(|(.., std)| std.map(|std| std * std))
+        .sum::<Option<f64>>()
+        .map(|sum: f64| 100.0 * sum.sqrt() / decades);
     let figure = |name: String, value: f64, std: Option<f64>, unit: &str, known: bool| Figure {
         effect: instance.id.clone(),
         name,
@@ -221,7 +274,13 @@ fn creep_figures(instance: &EffectInstance, open: bool) -> Vec<Figure> {
         until.is_none_or(|tau| tau > shortest),
     )];
     if let Some(tau) = until {
-        out.push(figure(format!("creep from {} s on", four(tau)), 0.0, None, "%/decade", false));
+        out.push(figure(
+            format!("creep from {} s on", four(tau)),
+            0.0,
+            None,
+            "%/decade",
+            false,
+        ));
     }
     out
 }

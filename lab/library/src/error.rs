@@ -42,7 +42,10 @@ impl Error {
     /// Wrong input at a place. What a library of a format says in several lines becomes one.
     pub fn new(place: impl fmt::Display, message: impl fmt::Display) -> Self {
         let message = message.to_string();
-        Self::Input { place: place.to_string(), message: message.split_whitespace().collect::<Vec<_>>().join(" ") }
+        Self::Input {
+            place: place.to_string(),
+            message: message.split_whitespace().collect::<Vec<_>>().join(" "),
+        }
     }
 }
 
@@ -52,11 +55,25 @@ impl fmt::Display for Error {
             Self::Input { place, message } if place.is_empty() => write!(f, "{message}"),
             Self::Input { place, message } => write!(f, "{place}: {message}"),
             Self::NotIdentifiable { effect, why } => write!(f, "cannot identify {effect}: {why}"),
-            Self::NotFinite { effect, record, sample } if effect.is_empty() => {
-                write!(f, "{record}, sample {sample}: the model gives no finite number")
+            Self::NotFinite {
+                effect,
+                record,
+                sample,
+            } if effect.is_empty() => {
+                write!(
+                    f,
+                    "{record}, sample {sample}: the model gives no finite number"
+                )
             }
-            Self::NotFinite { effect, record, sample } => {
-                write!(f, "{record}, sample {sample}: {effect} gives no finite number; check its values and its expression")
+            Self::NotFinite {
+                effect,
+                record,
+                sample,
+            } => {
+                write!(
+                    f,
+                    "{record}, sample {sample}: {effect} gives no finite number; check its values and its expression"
+                )
             }
             Self::Servo(message) => write!(f, "{message}"),
             Self::Stopped => write!(f, "stopped"),
@@ -78,7 +95,12 @@ const MAY_BE_MEANT: f64 = 0.75;
 pub fn nearest(unknown: &str, known: &[String]) -> String {
     known
         .iter()
-        .map(|k| (strsim::jaro_winkler(&unknown.to_lowercase(), &k.to_lowercase()), k))
+        .map(|k| {
+            (
+                strsim::jaro_winkler(&unknown.to_lowercase(), &k.to_lowercase()),
+                k,
+            )
+        })
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(similarity, _)| *similarity > MAY_BE_MEANT)
         .map_or_else(String::new, |(_, k)| format!(" (did you mean `{k}`?)"))
@@ -87,5 +109,8 @@ pub fn nearest(unknown: &str, known: &[String]) -> String {
 /// Line of a text, counted from 1, in which a byte stands: for messages of the TOML reader.
 #[must_use]
 pub fn line_of(text: &str, span: Option<std::ops::Range<usize>>) -> usize {
-    span.map_or(0, |span| text.get(..span.start.min(text.len())).map_or(0, |before| before.lines().count().max(1)))
+    span.map_or(0, |span| {
+        text.get(..span.start.min(text.len()))
+            .map_or(0, |before| before.lines().count().max(1))
+    })
 }

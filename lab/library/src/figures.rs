@@ -107,14 +107,33 @@ impl FitFigures {
     /// How well the model as it is meets the recording, in a sentence.
     #[must_use]
     pub fn comparison_sentence(&self) -> String {
-        let (records, rms_um) = self.validate_rms_um.map_or(("fitted", self.identify_rms_um), |rms_um| ("held-out", rms_um));
-        let noise = self.noise_floor_um.map_or_else(String::new, |floor_um| format!("; the noise is {} nm", words::nm(floor_um)));
-        format!("The model ({}) meets the {records} records within {} nm RMS{noise}.", self.effects.join(", "), words::nm(rms_um))
+        let (records, rms_um) = self
+            .validate_rms_um
+            .map_or(("fitted", self.identify_rms_um), |rms_um| {
+                ("held-out", rms_um)
+            });
+        let noise = self.noise_floor_um.map_or_else(String::new, |floor_um| {
+            format!("; the noise is {} nm", words::nm(floor_um))
+        });
+        format!(
+            "The model ({}) meets the {records} records within {} nm RMS{noise}.",
+            self.effects.join(", "),
+            words::nm(rms_um)
+        )
     }
 }
 
-fn record_figures(residuals: &[Vec<f64>], dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
-    let replayed = |i: usize| replays.iter().find(|replay| replay.records.contains(&i)).map(|replay| (replay.rms_um, replay.max_um));
+fn record_figures(
+    residuals: &[Vec<f64>],
+    dataset: &Dataset,
+    replays: &[Replay],
+) -> Vec<RecordFigures> {
+    let replayed = |i: usize| {
+        replays
+            .iter()
+            .find(|replay| replay.records.contains(&i))
+            .map(|replay| (replay.rms_um, replay.max_um))
+    };
     dataset
         .records
         .iter()
@@ -131,7 +150,11 @@ fn record_figures(residuals: &[Vec<f64>], dataset: &Dataset, replays: &[Replay])
                 role: record.role.name(),
                 rms_um,
                 max_um: largest(r),
-                rms_pct_range: if range > 0.0 { 100.0 * rms_um / range } else { 0.0 },
+                rms_pct_range: if range > 0.0 {
+                    100.0 * rms_um / range
+                } else {
+                    0.0
+                },
             }
         })
         .collect()
@@ -180,7 +203,11 @@ pub fn fit_figures(
         values: engineering::figures(model, cannot_identify),
         steps,
         cannot_identify: cannot_identify.iter().map(words::cannot_identify).collect(),
-        warnings: dataset.remarks().into_iter().chain(floor.warnings.iter().cloned()).collect(),
+        warnings: dataset
+            .remarks()
+            .into_iter()
+            .chain(floor.warnings.iter().cloned())
+            .collect(),
         stopped: false,
         seconds,
         diagnosis: None,

@@ -34,7 +34,14 @@ impl Identification {
     /// Figures for files.
     #[must_use]
     pub fn figures(&self, dataset: &Dataset, seconds: f64) -> FitFigures {
-        let mut out = fit_figures(&self.model, dataset, &self.floor, step_figures(&self.steps), &self.cannot_identify, seconds);
+        let mut out = fit_figures(
+            &self.model,
+            dataset,
+            &self.floor,
+            step_figures(&self.steps),
+            &self.cannot_identify,
+            seconds,
+        );
         out.stopped = self.stopped;
         out
     }
@@ -60,12 +67,23 @@ impl Identification {
 /// assert!((found.model.effects[0].parameters[0].value - 0.1).abs() < 1e-9);
 /// # Ok::<(), hysteron::Error>(())
 /// ```
-pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watch) -> Result<Identification> {
+pub fn identify(
+    dataset: &Dataset,
+    effects: &[Arc<dyn Effect>],
+    watch: &dyn Watch,
+) -> Result<Identification> {
     require_chain(effects, dataset)?;
     let floor = noise_floor(dataset);
     let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
     let judged = study.build(effects)?;
-    finished(vec![PathStep { change: ModelChange::Start, judged }], floor, &study)
+    finished(
+        vec![PathStep {
+            change: ModelChange::Start,
+            judged,
+        }],
+        floor,
+        &study,
+    )
 }
 
 /// Adds an effect to a model and fits everything again. Values that this data do not fix stay where the model
@@ -89,24 +107,42 @@ pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watc
 /// assert!(add(&effect_named("sensor_bandwidth")?, lagging, &dataset, &Unwatched).is_err());
 /// # Ok::<(), hysteron::Error>(())
 /// ```
-pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dyn Watch) -> Result<Identification> {
-    watch.event(&WatchEvent::Fitting { effect: &effect.declaration().id });
+pub fn add(
+    effect: &Arc<dyn Effect>,
+    model: Model,
+    dataset: &Dataset,
+    watch: &dyn Watch,
+) -> Result<Identification> {
+    watch.event(&WatchEvent::Fitting {
+        effect: &effect.declaration().id,
+    });
     let id = effect.declaration().id;
     if model.effect(&id).is_some() {
         let all = model.effect_ids().join(",");
         return Err(Error::new(
             "effect",
-            format!("{id} is in the model already; to fit it again beside the others: hysteron identify DATASET --effects {all}"),
+            format!(
+                "{id} is in the model already; to fit it again beside the others: hysteron identify DATASET --effects {all}"
+            ),
         ));
     }
     if effect.declaration().is_main()
         && let Some(loops) = main_effect(&model).filter(|loops| loops.id != gain::ID)
     {
-        let others = model.effect_ids().into_iter().filter(|other| *other != loops.id);
-        let all = std::iter::once(id.clone()).chain(others).collect::<Vec<_>>().join(",");
+        let others = model
+            .effect_ids()
+            .into_iter()
+            .filter(|other| *other != loops.id);
+        let all = std::iter::once(id.clone())
+            .chain(others)
+            .collect::<Vec<_>>()
+            .join(",");
         return Err(Error::new(
             "effect",
-            format!("{id} would take the place of {}; to fit it instead: hysteron identify DATASET --effects {all}", loops.id),
+            format!(
+                "{id} would take the place of {}; to fit it instead: hysteron identify DATASET --effects {all}",
+                loops.id
+            ),
         ));
     }
     require_shown(std::slice::from_ref(effect), dataset)?;
@@ -123,7 +159,16 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     }
     require_place(&begun, std::slice::from_ref(effect))?;
     let judged = fitted_around(&id, &begun, &study);
-    let steps = vec![PathStep { change: ModelChange::Start, judged: before }, PathStep { change: ModelChange::Added(id), judged }];
+    let steps = vec![
+        PathStep {
+            change: ModelChange::Start,
+            judged: before,
+        },
+        PathStep {
+            change: ModelChange::Added(id),
+            judged,
+        },
+    ];
     finished(steps, floor, &study)
 }
 
@@ -139,16 +184,28 @@ fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
     let mut around = study.thoroughly(&study.for_comparison(&held).model);
     around.model = as_free_as(around.model, begun);
     let all = study.thoroughly(&around.model);
-    if study.merit(&all) < study.merit(&around) - WORTH_MOVING { all } else { around }
+    if study.merit(&all) < study.merit(&around) - WORTH_MOVING {
+        all
+    } else {
+        around
+    }
 }
 
 fn finished(steps: Vec<PathStep>, floor: NoiseFloor, study: &Study) -> Result<Identification> {
     let last = &steps[steps.len() - 1].judged;
-    let floor = last.floor_beside(&floor, study.policy.explained, study.dataset).unwrap_or(floor);
+    let floor = last
+        .floor_beside(&floor, study.policy.explained, study.dataset)
+        .unwrap_or(floor);
     let mut model = last.model.clone();
     require_finite(&model, study.dataset, &study.split.both())?;
     let cannot_identify = identifiability(&mut model, study.dataset, &study.split.identify);
-    Ok(Identification { model, floor, steps, cannot_identify, stopped: study.watch.stopped() })
+    Ok(Identification {
+        model,
+        floor,
+        steps,
+        cannot_identify,
+        stopped: study.watch.stopped(),
+    })
 }
 
 /// Whether a list of effects makes one chain on this data, before anything is fitted.
@@ -158,16 +215,24 @@ fn finished(steps: Vec<PathStep>, floor: NoiseFloor, study: &Study) -> Result<Id
 /// others.
 pub fn require_chain(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
     if effects.is_empty() {
-        return Err(Error::new("effects", "none are given; expected at least `gain` or a hysteresis"));
+        return Err(Error::new(
+            "effects",
+            "none are given; expected at least `gain` or a hysteresis",
+        ));
     }
     let ids: Vec<String> = effects.iter().map(|e| e.declaration().id).collect();
     if let Some(twice) = (1..ids.len()).find(|i| ids[..*i].contains(&ids[*i])) {
-        return Err(Error::new("effects", format!("{} is given twice", ids[twice])));
+        return Err(Error::new(
+            "effects",
+            format!("{} is given twice", ids[twice]),
+        ));
     }
     require_shown(effects, dataset)?;
     let overview = dataset.overview();
     let mut chain = Model::new(dataset.drive_min_v, dataset.drive_max_v);
-    effects.iter().for_each(|effect| chain.add(EffectInstance::new(effect.clone(), &overview, &[])));
+    effects
+        .iter()
+        .for_each(|effect| chain.add(EffectInstance::new(effect.clone(), &overview, &[])));
     require_place(&chain, effects)
 }
 
@@ -175,8 +240,16 @@ pub fn require_chain(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<(
 fn require_shown(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
     let overview = dataset.overview();
     require_signals(effects, dataset)?;
-    match effects.iter().map(|e| e.declaration()).zip(effects).find(|(_, e)| e.starts(&overview).is_empty()) {
-        Some((d, _)) => Err(Error::NotIdentifiable { effect: d.id, why: format!("no record shows it. Best shown by: {}", d.experiment) }),
+    match effects
+        .iter()
+        .map(|e| e.declaration())
+        .zip(effects)
+        .find(|(_, e)| e.starts(&overview).is_empty())
+    {
+        Some((d, _)) => Err(Error::NotIdentifiable {
+            effect: d.id,
+            why: format!("no record shows it. Best shown by: {}", d.experiment),
+        }),
         None => Ok(()),
     }
 }
@@ -187,9 +260,18 @@ fn require_place(model: &Model, effects: &[Arc<dyn Effect>]) -> Result<()> {
         if model.effect(&declaration.id).is_some() {
             continue;
         }
-        let stands_there = |d: &hysteron_sim::effect::Declaration| d.place == declaration.place && d.modifies.is_none();
-        let other = model.effects.iter().find(|e| stands_there(&e.effect.declaration())).map_or("another effect", |e| e.id.as_str());
-        let message = format!("{} and {other} stand in the same place of the chain; expected one of them", declaration.id);
+        let stands_there = |d: &hysteron_sim::effect::Declaration| {
+            d.place == declaration.place && d.modifies.is_none()
+        };
+        let other = model
+            .effects
+            .iter()
+            .find(|e| stands_there(&e.effect.declaration()))
+            .map_or("another effect", |e| e.id.as_str());
+        let message = format!(
+            "{} and {other} stand in the same place of the chain; expected one of them",
+            declaration.id
+        );
         return Err(Error::new("effects", message));
     }
     Ok(())

@@ -45,33 +45,70 @@ struct IdentifiedEntry {
 
 impl IdentifiedEntry {
     fn of(known: &Identified) -> Self {
-        let row = |row: &Vec<f64>| row.iter().map(|v| format!("{v:.6e}")).collect::<Vec<_>>().join(" ");
+        let row = |row: &Vec<f64>| {
+            row.iter()
+                .map(|v| format!("{v:.6e}"))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
         Self {
             error_um: known.error_um,
             seconds: known.seconds,
             low_v: known.low_v,
             high_v: known.high_v,
             slope_max_v_s: known.slope_max_v_s,
-            values: known.values.iter().map(|(effect, parameter)| format!("{effect}.{parameter}")).collect(),
+            values: known
+                .values
+                .iter()
+                .map(|(effect, parameter)| format!("{effect}.{parameter}"))
+                .collect(),
             covariance_factor: known.factor.iter().map(row).collect(),
         }
     }
 
     fn read(self, file_name: &str) -> Result<Identified> {
         let wrong = |what: &str| Error::new(file_name, format!("[identified] {what}"));
-        let split = |value: &String| value.split_once('.').map(|(effect, parameter)| (effect.to_owned(), parameter.to_owned()));
+        let split = |value: &String| {
+            value
+                .split_once('.')
+                .map(|(effect, parameter)| (effect.to_owned(), parameter.to_owned()))
+        };
         let values: Option<Vec<(String, String)>> = self.values.iter().map(split).collect();
         let values = values.ok_or_else(|| wrong("values: expected effect.parameter each"))?;
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
-        let rows: Option<Vec<Vec<f64>>> = self.covariance_factor.iter().map(|row| row.split_whitespace().map(number).collect()).collect();
-        let factor = rows.filter(|rows| rows.len() == values.len() && rows.iter().enumerate().all(|(i, row)| row.len() == i + 1));
+        let rows: Option<Vec<Vec<f64>>> = self
+            .covariance_factor
+            .iter()
+            .map(|row| row.split_whitespace().map(number).collect())
+            .collect();
+        let factor = rows.filter(|rows| {
+            rows.len() == values.len() && rows.iter().enumerate().all(|(i, row)| row.len() == i + 1)
+        });
         let factor =
             factor.ok_or_else(|| wrong("covariance_factor: expected as many rows as values, the first of one number, each of one more"))?;
-        let Self { error_um, seconds, low_v, high_v, slope_max_v_s, .. } = self;
-        if ![error_um, seconds, low_v, high_v, slope_max_v_s].into_iter().all(f64::is_finite) {
+        let Self {
+            error_um,
+            seconds,
+            low_v,
+            high_v,
+            slope_max_v_s,
+            ..
+        } = self;
+        if ![error_um, seconds, low_v, high_v, slope_max_v_s]
+            .into_iter()
+            .all(f64::is_finite)
+        {
             return Err(wrong("a figure is no number"));
         }
-        Ok(Identified { values, factor, error_um, seconds, low_v, high_v, slope_max_v_s })
+        Ok(Identified {
+            values,
+            factor,
+            error_um,
+            seconds,
+            low_v,
+            high_v,
+            slope_max_v_s,
+        })
     }
 }
 
@@ -160,29 +197,56 @@ pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
 pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
     let file: ModelFile = with_schema(text, file_name, SCHEMA)?;
     if file.drive_min_v.partial_cmp(&file.drive_max_v) != Some(std::cmp::Ordering::Less) {
-        return Err(Error::new(file_name, "drive_min_v is not below drive_max_v"));
+        return Err(Error::new(
+            file_name,
+            "drive_min_v is not below drive_max_v",
+        ));
     }
     if file.effect.is_empty() {
-        return Err(Error::new(file_name, "has no [[effect]]; expected at least gain or a hysteresis"));
+        return Err(Error::new(
+            file_name,
+            "has no [[effect]]; expected at least gain or a hysteresis",
+        ));
     }
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);
-    let identified = file.identified.map(|entry| entry.read(file_name)).transpose()?;
+    let identified = file
+        .identified
+        .map(|entry| entry.read(file_name))
+        .transpose()?;
     for entry in file.effect {
         let place = format!("{file_name}: effect {}", entry.id);
         if model.effect(&entry.id).is_some() {
-            return Err(Error::new(&place, "stands there twice; expected each effect once"));
+            return Err(Error::new(
+                &place,
+                "stands there twice; expected each effect once",
+            ));
         }
         let effect: Arc<dyn Effect> = match (&entry.definition, entry.id.as_str()) {
-            (Some(definition), _) => Arc::new(ExpressionEffect::from_toml(definition).map_err(|m| Error::new(&place, m))?),
+            (Some(definition), _) => Arc::new(
+                ExpressionEffect::from_toml(definition).map_err(|m| Error::new(&place, m))?,
+            ),
             (None, id) => {
-                let known = by_id(id).ok_or_else(|| Error::new(&place, format!("is not a known effect{}", nearest(id, &known_ids()))))?;
-                known.with_parameters(entry.parameter.len()).unwrap_or(known)
+                let known = by_id(id).ok_or_else(|| {
+                    Error::new(
+                        &place,
+                        format!("is not a known effect{}", nearest(id, &known_ids())),
+                    )
+                })?;
+                known
+                    .with_parameters(entry.parameter.len())
+                    .unwrap_or(known)
             }
         };
         let mut parameters = Vec::new();
         for p in entry.parameter {
             if !p.value.is_finite() || !(p.lower..=p.upper).contains(&p.value) {
-                return Err(Error::new(&place, format!("parameter {} = {} is outside {}..{}", p.name, p.value, p.lower, p.upper)));
+                return Err(Error::new(
+                    &place,
+                    format!(
+                        "parameter {} = {} is outside {}..{}",
+                        p.name, p.value, p.lower, p.upper
+                    ),
+                ));
             }
             let scale = p.step.map_or(Scale::Logarithmic, Scale::Linear);
             parameters.push(ParameterValue {
@@ -204,36 +268,85 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
         let declared_parameters = effect.parameters(&overview);
         if parameters.len() != declared_parameters.len() {
             let names: Vec<String> = declared_parameters.into_iter().map(|p| p.name).collect();
-            return Err(Error::new(&place, format!("has {} parameters; expected {}: {}", parameters.len(), names.len(), names.join(", "))));
+            return Err(Error::new(
+                &place,
+                format!(
+                    "has {} parameters; expected {}: {}",
+                    parameters.len(),
+                    names.len(),
+                    names.join(", ")
+                ),
+            ));
         }
         for (found, declared) in parameters.iter_mut().zip(declared_parameters) {
             found.parameter.of_a_grid = declared.of_a_grid && found.parameter.fixed;
             found.parameter.expected = declared.expected;
             if found.parameter.name != declared.name {
-                return Err(Error::new(&place, format!("parameter {}; expected {} there", found.parameter.name, declared.name)));
+                return Err(Error::new(
+                    &place,
+                    format!(
+                        "parameter {}; expected {} there",
+                        found.parameter.name, declared.name
+                    ),
+                ));
             }
             if found.parameter.unit != declared.unit {
                 let (name, unit) = (&found.parameter.name, &found.parameter.unit);
-                return Err(Error::new(&place, format!("parameter {name} is given in `{unit}`; expected `{}`", declared.unit)));
+                return Err(Error::new(
+                    &place,
+                    format!(
+                        "parameter {name} is given in `{unit}`; expected `{}`",
+                        declared.unit
+                    ),
+                ));
             }
             if let Some(std) = found.std.filter(|std| !(std.is_finite() && *std >= 0.0)) {
-                return Err(Error::new(&place, format!("parameter {}: std = {std}; expected no negative number", found.parameter.name)));
+                return Err(Error::new(
+                    &place,
+                    format!(
+                        "parameter {}: std = {std}; expected no negative number",
+                        found.parameter.name
+                    ),
+                ));
             }
-            if matches!(found.parameter.scale, Scale::Linear(step) if !(step > 0.0 && step.is_finite())) {
-                return Err(Error::new(&place, format!("parameter {}: step is not positive", found.parameter.name)));
+            if matches!(found.parameter.scale, Scale::Linear(step) if !(step > 0.0 && step.is_finite()))
+            {
+                return Err(Error::new(
+                    &place,
+                    format!("parameter {}: step is not positive", found.parameter.name),
+                ));
             }
         }
         let before = model.effect_ids();
-        model.add(EffectInstance { id: entry.id, effect, parameters });
+        model.add(EffectInstance {
+            id: entry.id,
+            effect,
+            parameters,
+        });
         if let Some(gone) = before.iter().find(|id| model.effect(id).is_none()) {
-            return Err(Error::new(&place, format!("and {gone} both turn the drive into a displacement; expected one of them")));
+            return Err(Error::new(
+                &place,
+                format!("and {gone} both turn the drive into a displacement; expected one of them"),
+            ));
         }
     }
     let known = |(effect, parameter): &(String, String)| {
-        model.effect(effect).is_some_and(|e| e.parameters.iter().any(|p| p.parameter.name == *parameter))
+        model
+            .effect(effect)
+            .is_some_and(|e| e.parameters.iter().any(|p| p.parameter.name == *parameter))
     };
-    if let Some(value) = identified.iter().flat_map(|i| &i.values).find(|value| !known(value)) {
-        return Err(Error::new(file_name, format!("[identified] values: the model has no {}.{}", value.0, value.1)));
+    if let Some(value) = identified
+        .iter()
+        .flat_map(|i| &i.values)
+        .find(|value| !known(value))
+    {
+        return Err(Error::new(
+            file_name,
+            format!(
+                "[identified] values: the model has no {}.{}",
+                value.0, value.1
+            ),
+        ));
     }
     model.identified = identified.map(Arc::new);
     Ok(model)
@@ -252,7 +365,14 @@ pub fn known_ids() -> Vec<String> {
 pub fn effect_named(id: &str) -> Result<Arc<dyn Effect>> {
     by_id(id).ok_or_else(|| {
         let known = known_ids();
-        Error::new("effects", format!("unknown effect `{id}`{}; known are {}", nearest(id, &known), known.join(", ")))
+        Error::new(
+            "effects",
+            format!(
+                "unknown effect `{id}`{}; known are {}",
+                nearest(id, &known),
+                known.join(", ")
+            ),
+        )
     })
 }
 
@@ -268,7 +388,11 @@ pub fn effect_named(id: &str) -> Result<Arc<dyn Effect>> {
 /// # Ok::<(), hysteron::Error>(())
 /// ```
 pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
-    list.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty()).map(effect_named).collect()
+    list.split([',', '\n', ' '])
+        .map(str::trim)
+        .filter(|item| !item.is_empty())
+        .map(effect_named)
+        .collect()
 }
 
 /// An effect of the user's own from the text that defines it; `file_name` is what the file is called in
@@ -277,5 +401,7 @@ pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
 /// # Errors
 /// What is wrong with the definition.
 pub fn own_effect(text: &str, file_name: &str) -> Result<Arc<dyn Effect>> {
-    ExpressionEffect::from_toml(text).map(|e| Arc::new(e) as Arc<dyn Effect>).map_err(|m| Error::new(file_name, m))
+    ExpressionEffect::from_toml(text)
+        .map(|e| Arc::new(e) as Arc<dyn Effect>)
+        .map_err(|m| Error::new(file_name, m))
 }

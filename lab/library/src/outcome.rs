@@ -49,7 +49,10 @@ impl Residuals {
     /// Of a judged model.
     #[must_use]
     pub fn of(judged: &Judged) -> Self {
-        Self { identify: judged.identify_rms_um, validate: judged.validate_rms_um }
+        Self {
+            identify: judged.identify_rms_um,
+            validate: judged.validate_rms_um,
+        }
     }
 }
 

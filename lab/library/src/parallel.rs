@@ -19,7 +19,10 @@ pub fn map_indices<R: Send + Sync>(count: usize, f: impl Fn(usize) -> R + Sync +
         // Every index comes once, so that its place is empty.
         let _ = results[i].set(f(i));
     });
-    results.into_iter().filter_map(OnceLock::into_inner).collect()
+    results
+        .into_iter()
+        .filter_map(OnceLock::into_inner)
+        .collect()
 }
 
 /// Not generic, so that the thread pool's machinery is compiled once and not for every closure.

@@ -69,7 +69,11 @@ impl Replay {
     /// How many times the judged error the replay is.
     #[must_use]
     pub fn times_judged(&self) -> f64 {
-        if self.judged_um > 0.0 { self.rms_um / self.judged_um } else { 1.0 }
+        if self.judged_um > 0.0 {
+            self.rms_um / self.judged_um
+        } else {
+            1.0
+        }
     }
 
     /// One line for a screen.
@@ -85,7 +89,11 @@ impl Replay {
             self.max_at_s
         );
         match &self.drift {
-            Some(drift) => format!("{figures}; {:.1} times the judged error. {}", self.times_judged(), drift.sentence),
+            Some(drift) => format!(
+                "{figures}; {:.1} times the judged error. {}",
+                self.times_judged(),
+                drift.sentence
+            ),
             None => figures,
         }
     }
@@ -125,10 +133,21 @@ pub fn replays(model: &Model, dataset: &Dataset) -> Vec<Replay> {
 fn files(dataset: &Dataset) -> Vec<Vec<usize>> {
     let mut out: Vec<Vec<usize>> = Vec::new();
     let same = |a: &Record, b: &Record| {
-        a.source == b.source && a.sample_rate_hz == b.sample_rate_hz && a.initial_state == b.initial_state && a.drive_v == b.drive_v
+        a.source == b.source
+            && a.sample_rate_hz == b.sample_rate_hz
+            && a.initial_state == b.initial_state
+            && a.drive_v == b.drive_v
     };
-    for (i, record) in dataset.records.iter().enumerate().filter(|(_, record)| record.role != Role::Noise) {
-        match out.iter_mut().find(|file| same(&dataset.records[file[0]], record)) {
+    for (i, record) in dataset
+        .records
+        .iter()
+        .enumerate()
+        .filter(|(_, record)| record.role != Role::Noise)
+    {
+        match out
+            .iter_mut()
+            .find(|file| same(&dataset.records[file[0]], record))
+        {
             Some(file) => file.push(i),
             None => out.push(vec![i]),
         }
@@ -140,17 +159,39 @@ fn files(dataset: &Dataset) -> Vec<Vec<usize>> {
 fn whole(dataset: &Dataset, records: &[usize]) -> Record {
     let first = &dataset.records[records[0]];
     let name = first.source.rsplit(['/', '\\']).next().unwrap_or_default();
-    let mut whole = Record { window: 0..first.drive_v.len(), left_out: Vec::new(), name: name.to_owned(), periods: None, ..first.clone() };
+    let mut whole = Record {
+        window: 0..first.drive_v.len(),
+        left_out: Vec::new(),
+        name: name.to_owned(),
+        periods: None,
+        ..first.clone()
+    };
     // Readings that a data set leaves out or replaces are found again, where no record has its window too.
-    if let Ok(checked) = Dataset::new("", dataset.drive_min_v, dataset.drive_max_v, vec![whole.clone()])
-        && let Some(record) = checked.records.into_iter().next()
+    if let Ok(checked) = Dataset::new(
+        "",
+        dataset.drive_min_v,
+        dataset.drive_max_v,
+        vec![whole.clone()],
+    ) && let Some(record) = checked.records.into_iter().next()
     {
         whole = record;
     }
-    let (mut seen, mut counts) = (vec![false; whole.drive_v.len()], vec![false; whole.drive_v.len()]);
-    parts(dataset, records).into_iter().flatten().for_each(|k| seen[k] = true);
-    records.iter().flat_map(|i| dataset.records[*i].counted()).for_each(|k| counts[k] = true);
-    let bad: Vec<Range<usize>> = (0..seen.len()).filter(|k| seen[*k] && !counts[*k]).map(|k| k..k + 1).collect();
+    let (mut seen, mut counts) = (
+        vec![false; whole.drive_v.len()],
+        vec![false; whole.drive_v.len()],
+    );
+    parts(dataset, records)
+        .into_iter()
+        .flatten()
+        .for_each(|k| seen[k] = true);
+    records
+        .iter()
+        .flat_map(|i| dataset.records[*i].counted())
+        .for_each(|k| counts[k] = true);
+    let bad: Vec<Range<usize>> = (0..seen.len())
+        .filter(|k| seen[*k] && !counts[*k])
+        .map(|k| k..k + 1)
+        .collect();
     whole.leave_out(bad);
     whole
 }
@@ -160,7 +201,10 @@ fn parts(dataset: &Dataset, records: &[usize]) -> Vec<Range<usize>> {
     let mut out: Vec<Range<usize>> = Vec::new();
     for record in records.iter().map(|i| &dataset.records[*i]) {
         // Long stretches that are left out are other parts; short ones are a sensor's limit.
-        let long = record.left_out.iter().filter(|range| range.len() >= PART_MIN);
+        let long = record
+            .left_out
+            .iter()
+            .filter(|range| range.len() >= PART_MIN);
         let mut start = record.window.start;
         for gap in long {
             out.push(start..gap.start);
@@ -178,7 +222,11 @@ fn replay(model: &Model, dataset: &Dataset, records: &[usize]) -> Replay {
     let left = residual(model, &whole);
     let counted: Vec<usize> = whole.counted().collect();
     let values: Vec<f64> = counted.iter().map(|k| left[*k]).collect();
-    let at = counted.iter().copied().max_by(|a, b| left[*a].abs().total_cmp(&left[*b].abs())).unwrap_or(0);
+    let at = counted
+        .iter()
+        .copied()
+        .max_by(|a, b| left[*a].abs().total_cmp(&left[*b].abs()))
+        .unwrap_or(0);
     let judged_um = judged_um(model, dataset, records);
     let mut out = Replay {
         file: whole.name.clone(),
@@ -203,7 +251,11 @@ fn replay(model: &Model, dataset: &Dataset, records: &[usize]) -> Replay {
 
 /// The error of the records of a file: of those that judge, or of all where none does.
 fn judged_um(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
-    let judges: Vec<usize> = records.iter().copied().filter(|i| dataset.records[*i].role == Role::Validate).collect();
+    let judges: Vec<usize> = records
+        .iter()
+        .copied()
+        .filter(|i| dataset.records[*i].role == Role::Validate)
+        .collect();
     let judges = if judges.is_empty() { records } else { &judges };
     crate::identification::fit::rms_over(model, dataset, judges)
 }
@@ -214,8 +266,19 @@ struct Explanation {
     columns: DMatrix<f64>,
 }
 
-fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], replay: &Replay) -> ReplayDrift {
-    let inside: Vec<usize> = parts.iter().cloned().flatten().filter(|k| whole.counts(*k)).collect();
+fn drift(
+    model: &Model,
+    whole: &Record,
+    left: &[f64],
+    parts: &[Range<usize>],
+    replay: &Replay,
+) -> ReplayDrift {
+    let inside: Vec<usize> = parts
+        .iter()
+        .cloned()
+        .flatten()
+        .filter(|k| whole.counts(*k))
+        .collect();
     let target = DVector::from_iterator(inside.len(), inside.iter().map(|k| left[*k]));
     if rms(target.as_slice()) < AS_GOOD * replay.judged_um {
         return outside(model, whole, parts, replay);
@@ -234,55 +297,110 @@ fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], re
     // The trend comes first: it has the fewest columns, and creep follows any trend.
     let best = match shares.first() {
         Some(share) if *share > TAKES => 0,
-        _ => (0..all.len()).max_by(|a, b| shares[*a].total_cmp(&shares[*b])).unwrap_or(0),
+        _ => (0..all.len())
+            .max_by(|a, b| shares[*a].total_cmp(&shares[*b]))
+            .unwrap_or(0),
     };
-    let (cause, share) =
-        if shares[best] > TAKES { (all[best].cause.clone(), shares[best]) } else { ("unknown".to_owned(), shares[best].max(0.0)) };
-    ReplayDrift { sentence: advice(model, whole, &cause, share), cause, share }
+    let (cause, share) = if shares[best] > TAKES {
+        (all[best].cause.clone(), shares[best])
+    } else {
+        ("unknown".to_owned(), shares[best].max(0.0))
+    };
+    ReplayDrift {
+        sentence: advice(model, whole, &cause, share),
+        cause,
+        share,
+    }
 }
 
 /// The columns of each explanation at the samples that were judged.
-fn explanations(model: &Model, whole: &Record, parts: &[Range<usize>], inside: &[usize]) -> Vec<Explanation> {
+fn explanations(
+    model: &Model,
+    whole: &Record,
+    parts: &[Range<usize>],
+    inside: &[usize],
+) -> Vec<Explanation> {
     let rows = inside.len();
     let length = whole.drive_v.len() as f64;
-    let trend = DMatrix::from_fn(rows, TREND, |row, power| (inside[row] as f64 / length).powi(power as i32));
-    let offset = DMatrix::from_fn(rows, parts.len(), |row, part| f64::from(parts[part].contains(&inside[row])));
-    let mut out = vec![Explanation { cause: "trend".into(), columns: trend }, Explanation { cause: "offset".into(), columns: offset }];
+    let trend = DMatrix::from_fn(rows, TREND, |row, power| {
+        (inside[row] as f64 / length).powi(power as i32)
+    });
+    let offset = DMatrix::from_fn(rows, parts.len(), |row, part| {
+        f64::from(parts[part].contains(&inside[row]))
+    });
+    let mut out = vec![
+        Explanation {
+            cause: "trend".into(),
+            columns: trend,
+        },
+        Explanation {
+            cause: "offset".into(),
+            columns: offset,
+        },
+    ];
     for instance in &model.effects {
         let motions = instance.effect.free_motions(model, &instance.values());
-        let slow: Vec<f64> = motions.iter().filter(|m| m.frequency_rad_s == 0.0 && m.decay_per_s > 0.0).map(|m| m.decay_per_s).collect();
+        let slow: Vec<f64> = motions
+            .iter()
+            .filter(|m| m.frequency_rad_s == 0.0 && m.decay_per_s > 0.0)
+            .map(|m| m.decay_per_s)
+            .collect();
         if slow.is_empty() {
             continue;
         }
         let columns = DMatrix::from_fn(rows, slow.len() * parts.len(), |row, column| {
             let (part, k) = (&parts[column / slow.len()], inside[row]);
             let since_s = (k as f64 - part.start as f64) * whole.dt_s();
-            if part.contains(&k) { (-slow[column % slow.len()] * since_s).exp() } else { 0.0 }
+            if part.contains(&k) {
+                (-slow[column % slow.len()] * since_s).exp()
+            } else {
+                0.0
+            }
         });
-        out.push(Explanation { cause: instance.id.clone(), columns });
+        out.push(Explanation {
+            cause: instance.id.clone(),
+            columns,
+        });
     }
     out
 }
 
 /// Where the error stands outside the windows that were judged.
 fn outside(model: &Model, whole: &Record, parts: &[Range<usize>], replay: &Replay) -> ReplayDrift {
-    let (first, last) = (parts.first().map_or(0, |p| p.start), parts.last().map_or(0, |p| p.end));
+    let (first, last) = (
+        parts.first().map_or(0, |p| p.start),
+        parts.last().map_or(0, |p| p.end),
+    );
     let at = (replay.max_at_s / whole.dt_s()).round() as usize;
     let place = if at < first {
-        format!("before {:.3} s, where the file begins and nothing is fitted", first as f64 * whole.dt_s())
+        format!(
+            "before {:.3} s, where the file begins and nothing is fitted",
+            first as f64 * whole.dt_s()
+        )
     } else if at >= last {
-        format!("after {:.3} s, where nothing is fitted", last as f64 * whole.dt_s())
+        format!(
+            "after {:.3} s, where nothing is fitted",
+            last as f64 * whole.dt_s()
+        )
     } else {
         "between the parts that are fitted".to_owned()
     };
-    let remembers =
-        whole.initial_state == InitialState::Unknown && at < first && model.effects.iter().any(|e| e.effect.declaration().is_main());
+    let remembers = whole.initial_state == InitialState::Unknown
+        && at < first
+        && model
+            .effects
+            .iter()
+            .any(|e| e.effect.declaration().is_main());
     let what = if remembers {
         "The loops remember what came before the first sample. Begin a recording at rest at the lowest drive, or with one cycle over the whole range."
     } else {
         "Judge this stretch too: name the file in a dataset.toml with the times (from_s, to_s) that matter to you."
     };
-    ReplayDrift { cause: "outside".into(), share: 1.0, sentence: format!("The error stands {place}. {what}") }
+    ReplayDrift {
+        cause: "outside".into(),
+        share: 1.0,
+        sentence: format!("The error stands {place}. {what}"),
+    }
 }
 
 fn advice(model: &Model, whole: &Record, cause: &str, share: f64) -> String {
@@ -309,14 +427,24 @@ fn advice(model: &Model, whole: &Record, cause: &str, share: f64) -> String {
 /// What a screen says of replays: each that is worse than the judged error; one line for all others.
 #[must_use]
 pub fn lines(replays: &[Replay]) -> Vec<String> {
-    let mut out: Vec<String> = replays.iter().filter(|r| r.drift.is_some()).map(Replay::sentence).collect();
+    let mut out: Vec<String> = replays
+        .iter()
+        .filter(|r| r.drift.is_some())
+        .map(Replay::sentence)
+        .collect();
     let good: Vec<&Replay> = replays.iter().filter(|r| r.drift.is_none()).collect();
     match good.as_slice() {
         [] => {}
         [one] => out.push(one.sentence()),
         several => {
-            let worst = several.iter().max_by(|a, b| a.max_um.total_cmp(&b.max_um)).map_or(0.0, |r| r.max_um);
-            let squares: f64 = several.iter().map(|r| r.rms_um * r.rms_um * r.samples as f64).sum();
+            let worst = several
+                .iter()
+                .max_by(|a, b| a.max_um.total_cmp(&b.max_um))
+                .map_or(0.0, |r| r.max_um);
+            let squares: f64 = several
+                .iter()
+                .map(|r| r.rms_um * r.rms_um * r.samples as f64)
+                .sum();
             let samples: usize = several.iter().map(|r| r.samples).sum();
             out.push(format!(
                 "replay of {} files from their first samples to their last: {} nm RMS, largest {} nm",

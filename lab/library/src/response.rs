@@ -37,25 +37,51 @@ const DRIVEN: f64 = 1e-9;
 pub fn frequency_response(drive: &[f64], reading: &[f64], sample_rate_hz: f64) -> Response {
     let n = drive.len().min(reading.len());
     let most = 2 * n / (SEGMENTS_MIN + 1);
-    let length = (1..=13).rev().map(|k| 1_usize << k).find(|length| *length <= most).unwrap_or(0).min(LONGEST_SEGMENT);
+    let length = (1..=13)
+        .rev()
+        .map(|k| 1_usize << k)
+        .find(|length| *length <= most)
+        .unwrap_or(0)
+        .min(LONGEST_SEGMENT);
     if length < 64 || sample_rate_hz.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
         return Response::default();
     }
     let transform = RealFftPlanner::<f64>::new().plan_fft_forward(length);
-    let window: Vec<f64> = (0..length).map(|i| 0.5 - 0.5 * (TAU * i as f64 / length as f64).cos()).collect();
+    let window: Vec<f64> = (0..length)
+        .map(|i| 0.5 - 0.5 * (TAU * i as f64 / length as f64).cos())
+        .collect();
     let bins = length / 2 + 1;
-    let (mut uu, mut yy, mut uy) = (vec![0.0; bins], vec![0.0; bins], vec![Complex::new(0.0, 0.0); bins]);
+    let (mut uu, mut yy, mut uy) = (
+        vec![0.0; bins],
+        vec![0.0; bins],
+        vec![Complex::new(0.0, 0.0); bins],
+    );
     let spectrum = |signal: &[f64]| {
         let middle = mean(signal);
-        let mut input: Vec<f64> = signal.iter().zip(&window).map(|(v, w)| (v - middle) * w).collect();
+        let mut input: Vec<f64> = signal
+            .iter()
+            .zip(&window)
+            .map(|(v, w)| (v - middle) * w)
+            .collect();
         let mut output = transform.make_output_vec();
         // The buffers have the lengths of the transform.
-        transform.process(&mut input, &mut output).ok().map(|()| output)
+        transform
+            .process(&mut input, &mut output)
+            .ok()
+            .map(|()| output)
     };
     for start in (0..=n - length).step_by(length / 2) {
-        let (Some(u), Some(y)) = (spectrum(&drive[start..start + length]), spectrum(&reading[start..start + length])) else { continue };
+        let (Some(u), Some(y)) = (
+            spectrum(&drive[start..start + length]),
+            spectrum(&reading[start..start + length]),
+        ) else {
+            continue;
+        };
         for k in 0..bins {
-            let (u, y) = (Complex::new(u[k].re, u[k].im), Complex::new(y[k].re, y[k].im));
+            let (u, y) = (
+                Complex::new(u[k].re, u[k].im),
+                Complex::new(y[k].re, y[k].im),
+            );
             uu[k] += u.norm_sqr();
             yy[k] += y.norm_sqr();
             uy[k] += u.conj() * y;
@@ -71,12 +97,15 @@ pub fn frequency_response(drive: &[f64], reading: &[f64], sample_rate_hz: f64) -
         let (power, of_reading) = (over(&uu), over(&yy));
         let both: Complex<f64> = uy[bin..end].iter().sum();
         if power > DRIVEN * strongest * (end - bin) as f64 && of_reading > 0.0 {
-            out.frequency_hz.push(sample_rate_hz / length as f64 * (bin + end - 1) as f64 / 2.0);
+            out.frequency_hz
+                .push(sample_rate_hz / length as f64 * (bin + end - 1) as f64 / 2.0);
             out.gain.push(both.norm() / power);
             let phase = both.arg().to_degrees();
             let before = out.phase_deg.last().copied().unwrap_or(0.0);
-            out.phase_deg.push(phase - 360.0 * ((phase - before) / 360.0).round());
-            out.coherence.push((both.norm_sqr() / (power * of_reading)).min(1.0));
+            out.phase_deg
+                .push(phase - 360.0 * ((phase - before) / 360.0).round());
+            out.coherence
+                .push((both.norm_sqr() / (power * of_reading)).min(1.0));
         }
         bin = end;
     }
@@ -113,7 +142,8 @@ pub fn correlations(residual: &[f64], drive: &[f64], sample_rate_hz: f64) -> Cor
         signal.iter().map(|v| v - middle).collect()
     };
     let (e, u) = (centred(&residual[..n]), centred(&drive[..n]));
-    let along = |a: &[f64], b: &[f64], lag: usize| a[lag..].iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let along =
+        |a: &[f64], b: &[f64], lag: usize| a[lag..].iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let (ee, uu) = (along(&e, &e, 0), along(&u, &u, 0));
     if lags == 0 || ee <= 0.0 || uu <= 0.0 {
         return Correlations::default();
@@ -121,10 +151,19 @@ pub fn correlations(residual: &[f64], drive: &[f64], sample_rate_hz: f64) -> Cor
     let auto: Vec<f64> = (0..lags).map(|lag| along(&e, &e, lag) / ee).collect();
     let of_drive: Vec<f64> = (0..lags).map(|lag| along(&u, &u, lag) / uu).collect();
     // Both coloured, they are alike by chance as often as their correlations overlap (Bartlett).
-    let overlap = 1.0 + 2.0 * auto.iter().zip(&of_drive).skip(1).map(|(a, b)| a * b).sum::<f64>();
+    let overlap = 1.0
+        + 2.0
+            * auto
+                .iter()
+                .zip(&of_drive)
+                .skip(1)
+                .map(|(a, b)| a * b)
+                .sum::<f64>();
     Correlations {
         lag_s: (0..lags).map(|lag| lag as f64 / sample_rate_hz).collect(),
-        cross: (0..lags).map(|lag| along(&e, &u, lag) / (ee * uu).sqrt()).collect(),
+        cross: (0..lags)
+            .map(|lag| along(&e, &u, lag) / (ee * uu).sqrt())
+            .collect(),
         auto,
         auto_bound: BOUND_99 / (n as f64).sqrt(),
         cross_bound: BOUND_99 * (overlap.max(1.0) / n as f64).sqrt(),
@@ -155,28 +194,61 @@ mod tests {
                 now
             })
             .collect();
-        let noisy: Vec<f64> = clean.iter().zip(&noise).map(|(y, n)| y + 0.05 * n).collect();
+        let noisy: Vec<f64> = clean
+            .iter()
+            .zip(&noise)
+            .map(|(y, n)| y + 0.05 * n)
+            .collect();
         let found = frequency_response(&u, &noisy, rate_hz);
         let at = |hz: f64| found.frequency_hz.iter().position(|f| *f > hz).unwrap();
         let low = at(20.0);
-        assert!((found.gain[low] / 3.0 - 1.0).abs() < 0.05 && found.coherence[low] > 0.97, "{} {}", found.gain[low], found.coherence[low]);
+        assert!(
+            (found.gain[low] / 3.0 - 1.0).abs() < 0.05 && found.coherence[low] > 0.97,
+            "{} {}",
+            found.gain[low],
+            found.coherence[low]
+        );
         let corner = at(200.0);
-        assert!((found.gain[corner] / 3.0 - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.05, "{}", found.gain[corner]);
+        assert!(
+            (found.gain[corner] / 3.0 - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.05,
+            "{}",
+            found.gain[corner]
+        );
         // Half a turn by the corner's 45 degrees, and what one period of waiting adds.
         let expected = -45.0 - 360.0 * found.frequency_hz[corner] / rate_hz * 0.5;
-        assert!((found.phase_deg[corner] - expected).abs() < 5.0, "{} {expected}", found.phase_deg[corner]);
+        assert!(
+            (found.phase_deg[corner] - expected).abs() < 5.0,
+            "{} {expected}",
+            found.phase_deg[corner]
+        );
         let without = frequency_response(&u, &noise, rate_hz);
-        assert!(mean(&without.coherence) < 0.2, "{}", mean(&without.coherence));
+        assert!(
+            mean(&without.coherence) < 0.2,
+            "{}",
+            mean(&without.coherence)
+        );
     }
 
     #[test]
     fn white_noise_stays_within_the_bounds_and_a_missing_lag_does_not() {
         let (e, u) = (white(8000, 3), white(8000, 4));
         let found = correlations(&e, &u, 1000.0);
-        let outside = |values: &[f64], bound: f64| values.iter().filter(|v| v.abs() > bound).count();
-        assert!(outside(&found.auto[1..], found.auto_bound) <= 3 && outside(&found.cross, found.cross_bound) <= 3, "{found:?}");
-        let missing: Vec<f64> = (0..8000).map(|k| e[k] + if k > 2 { 0.3 * u[k - 3] } else { 0.0 }).collect();
+        let outside =
+            |values: &[f64], bound: f64| values.iter().filter(|v| v.abs() > bound).count();
+        assert!(
+            outside(&found.auto[1..], found.auto_bound) <= 3
+                && outside(&found.cross, found.cross_bound) <= 3,
+            "{found:?}"
+        );
+        let missing: Vec<f64> = (0..8000)
+            .map(|k| e[k] + if k > 2 { 0.3 * u[k - 3] } else { 0.0 })
+            .collect();
         let found = correlations(&missing, &u, 1000.0);
-        assert!(found.cross[3] > 4.0 * found.cross_bound && outside(&found.cross, found.cross_bound) <= 4, "{:?}", found.cross);
+        assert!(
+            found.cross[3] > 4.0 * found.cross_bound
+                && outside(&found.cross, found.cross_bound) <= 4,
+            "{:?}",
+            found.cross
+        );
     }
 }

@@ -16,18 +16,43 @@ pub type Named<'a> = (&'a str, &'a Model);
 /// for each model what it says the sensor reads and what that leaves, um.
 #[must_use]
 pub fn csv(record: &Record, models: &[Named]) -> String {
-    let residuals: Vec<Vec<f64>> = models.iter().map(|(_, model)| residual(model, record)).collect();
-    let beside: Vec<(&str, &[f64])> = (record.force_n.iter().map(|values| ("force_n", &values[..])))
-        .chain(record.auxiliary.iter().map(|signal| (signal.name.as_str(), &signal.values[..])))
+    let residuals: Vec<Vec<f64>> = models
+        .iter()
+        .map(|(_, model)| residual(model, record))
         .collect();
+    let beside: Vec<(&str, &[f64])> =
+        (record.force_n.iter().map(|values| ("force_n", &values[..])))
+            .chain(
+                record
+                    .auxiliary
+                    .iter()
+                    .map(|signal| (signal.name.as_str(), &signal.values[..])),
+            )
+            .collect();
     let names = beside.iter().map(|(name, _)| format!(",{name}"));
-    let names = names.chain(models.iter().map(|(name, _)| format!(",{name}_um,{name}_residual_um")));
+    let names = names.chain(
+        models
+            .iter()
+            .map(|(name, _)| format!(",{name}_um,{name}_residual_um")),
+    );
     let mut text = format!("t_s,u_v,y_um{}\n", names.collect::<String>());
     for (row, k) in record.window.clone().enumerate() {
         let measured_um = record.displacement_um[k];
-        text.push_str(&format!("{:.9},{:.6},{measured_um:.6}", k as f64 * record.dt_s(), record.drive_v[k]));
-        beside.iter().for_each(|(_, values)| text.push_str(&format!(",{}", values[k])));
-        residuals.iter().for_each(|left_um| text.push_str(&format!(",{:.6},{:.6}", measured_um - left_um[row], left_um[row])));
+        text.push_str(&format!(
+            "{:.9},{:.6},{measured_um:.6}",
+            k as f64 * record.dt_s(),
+            record.drive_v[k]
+        ));
+        beside
+            .iter()
+            .for_each(|(_, values)| text.push_str(&format!(",{}", values[k])));
+        residuals.iter().for_each(|left_um| {
+            text.push_str(&format!(
+                ",{:.6},{:.6}",
+                measured_um - left_um[row],
+                left_um[row]
+            ))
+        });
         text.push('\n');
     }
     text
@@ -36,6 +61,16 @@ pub fn csv(record: &Record, models: &[Named]) -> String {
 /// The name of a record's file: its own, without what a path could not take.
 #[must_use]
 pub fn file_name(record: &Record) -> String {
-    let plain: String = record.name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    let plain: String = record
+        .name
+        .chars()
+        .map(|c| {
+            if c.is_alphanumeric() || "-_.".contains(c) {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
     format!("{}.csv", plain.trim_end_matches(".csv"))
 }

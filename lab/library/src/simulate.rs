@@ -30,24 +30,58 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
     let beyond_v = |u: f64| (low - u).max(u - high);
     let tolerance_v = TOLERANCE * (high - low);
-    let outside = drive.drive_v.iter().copied().filter(|u| !(low - tolerance_v..=high + tolerance_v).contains(u));
+    let outside = drive
+        .drive_v
+        .iter()
+        .copied()
+        .filter(|u| !(low - tolerance_v..=high + tolerance_v).contains(u));
     if let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b))) {
         // Rounded away from the limit: it must not look as if it were inside.
-        let reached = if farthest > high { (1e3 * farthest).ceil() } else { (1e3 * farthest).floor() } / 1e3;
-        return Err(Error::new(place, format!("reaches {reached} V; the model holds from {low} to {high} V")));
+        let reached = if farthest > high {
+            (1e3 * farthest).ceil()
+        } else {
+            (1e3 * farthest).floor()
+        } / 1e3;
+        return Err(Error::new(
+            place,
+            format!("reaches {reached} V; the model holds from {low} to {high} V"),
+        ));
     }
-    let needed = model.effects.iter().flat_map(|e| e.effect.auxiliary().iter().map(|name| (&e.id, name)));
+    let needed = model
+        .effects
+        .iter()
+        .flat_map(|e| e.effect.auxiliary().iter().map(|name| (&e.id, name)));
     for (effect, name) in needed {
-        match drive.auxiliary.iter().find(|signal| signal.name == *name).map(|signal| signal.values.len()) {
+        match drive
+            .auxiliary
+            .iter()
+            .find(|signal| signal.name == *name)
+            .map(|signal| signal.values.len())
+        {
             Some(samples) if samples == drive.drive_v.len() => {}
             Some(samples) => {
-                return Err(Error::new(place, format!("has {} samples, {name} {samples}; expected as many", drive.drive_v.len())));
+                return Err(Error::new(
+                    place,
+                    format!(
+                        "has {} samples, {name} {samples}; expected as many",
+                        drive.drive_v.len()
+                    ),
+                ));
             }
-            None => return Err(Error::new(place, format!("comes without the signal {name}, which {effect} takes part of"))),
+            None => {
+                return Err(Error::new(
+                    place,
+                    format!("comes without the signal {name}, which {effect} takes part of"),
+                ));
+            }
         }
     }
     if let Some((effect, sample)) = first_not_finite(model, drive) {
-        return Err(Error::NotFinite { effect, record: place.to_owned(), sample: sample + 1 });
+        return Err(Error::NotFinite {
+            effect,
+            record: place.to_owned(),
+            sample: sample + 1,
+        });
     }
     Ok(model.simulate(drive))
 }

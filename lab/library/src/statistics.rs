@@ -12,7 +12,11 @@ pub fn largest(signal: &[f64]) -> f64 {
 /// be printed as a limit of "-0".
 #[must_use]
 pub fn extremes(signal: &[f64]) -> (f64, f64) {
-    let (low, high) = signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    let (low, high) = signal
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(*v), high.max(*v))
+        });
     (low + 0.0, high + 0.0)
 }
 
@@ -26,14 +30,20 @@ pub fn peak_to_peak(signal: &[f64]) -> f64 {
 /// Mean value.
 #[must_use]
 pub fn mean(signal: &[f64]) -> f64 {
-    if signal.is_empty() { 0.0 } else { signal.iter().sum::<f64>() / signal.len() as f64 }
+    if signal.is_empty() {
+        0.0
+    } else {
+        signal.iter().sum::<f64>() / signal.len() as f64
+    }
 }
 
 /// RMS of what has a pattern in a signal whose steps from sample to sample are these: what is random has
 /// steps of the root of two times its size, a pattern next to none.
 #[must_use]
 pub fn pattern_rms(signal: &[f64], steps: &[f64]) -> f64 {
-    (rms(signal).powi(2) - 0.5 * rms(steps).powi(2)).max(0.0).sqrt()
+    (rms(signal).powi(2) - 0.5 * rms(steps).powi(2))
+        .max(0.0)
+        .sqrt()
 }
 
 /// Element by element, `a - b`.
@@ -56,9 +66,18 @@ mod tests {
             alone.push(random);
             on_a_wave.push(wave(k) + random);
         }
-        let pattern = |signal: &[f64]| pattern_rms(signal, &signal.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+        let pattern = |signal: &[f64]| {
+            pattern_rms(
+                signal,
+                &signal.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>(),
+            )
+        };
         assert!(pattern(&alone) < 0.015, "{}", pattern(&alone));
-        assert!((pattern(&on_a_wave) / 0.5_f64.sqrt() - 1.0).abs() < 0.01, "{}", pattern(&on_a_wave));
+        assert!(
+            (pattern(&on_a_wave) / 0.5_f64.sqrt() - 1.0).abs() < 0.01,
+            "{}",
+            pattern(&on_a_wave)
+        );
     }
 
     #[test]

@@ -32,7 +32,10 @@ impl<'w> Deadline<'w> {
     /// Time that runs from now, beside another watch.
     #[must_use]
     pub fn new(watch: &'w dyn Watch, within: Duration) -> Self {
-        Self { watch, search_until: Instant::now() + within.mul_f64(SHARE_OF_SEARCH) }
+        Self {
+            watch,
+            search_until: Instant::now() + within.mul_f64(SHARE_OF_SEARCH),
+        }
     }
 }
 
@@ -92,13 +95,34 @@ pub enum WatchEvent<'a> {
 
 impl fmt::Display for WatchEvent<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let list = |ids: &[String]| if ids.is_empty() { "the start".to_owned() } else { ids.join(", ").replace('_', " ") };
+        let list = |ids: &[String]| {
+            if ids.is_empty() {
+                "the start".to_owned()
+            } else {
+                ids.join(", ").replace('_', " ")
+            }
+        };
         match self {
             Self::Fitting { effect } => write!(f, "fitting {}", effect.replace('_', " ")),
-            Self::Scoring { candidates, beside } => write!(f, "scoring {candidates} candidate effects beside {}", list(beside)),
-            Self::Tried { added, identify_rms_um, validate_rms_um, best } => {
+            Self::Scoring { candidates, beside } => write!(
+                f,
+                "scoring {candidates} candidate effects beside {}",
+                list(beside)
+            ),
+            Self::Tried {
+                added,
+                identify_rms_um,
+                validate_rms_um,
+                best,
+            } => {
                 let error_um = validate_rms_um.unwrap_or(*identify_rms_um);
-                write!(f, "{}{}: {:.3} nm", if *best { "best so far: " } else { "" }, list(added), 1e3 * error_um)
+                write!(
+                    f,
+                    "{}{}: {:.3} nm",
+                    if *best { "best so far: " } else { "" },
+                    list(added),
+                    1e3 * error_um
+                )
             }
             Self::Doing(what) => write!(f, "{what}"),
         }

@@ -23,7 +23,10 @@ pub struct Told {
 impl Told {
     fn heed(&self, outcome: PyResult<()>) {
         if let Err(error) = outcome {
-            self.raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            self.raised
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .get_or_insert(error);
             self.stopped.store(true, Ordering::SeqCst);
         }
     }
@@ -32,7 +35,9 @@ impl Told {
 impl Watch for Told {
     fn event(&self, event: &WatchEvent<'_>) {
         if let Some(progress) = self.progress.as_ref().filter(|_| !self.stopped()) {
-            self.heed(Python::attach(|py| progress.call1(py, (event.to_string(),)).map(drop)));
+            self.heed(Python::attach(|py| {
+                progress.call1(py, (event.to_string(),)).map(drop)
+            }));
         }
     }
 
@@ -51,7 +56,11 @@ pub fn at_work<T: Send>(
     progress: Option<Py<PyAny>>,
     work: impl FnOnce(&Told) -> hysteron::Result<T> + Send,
 ) -> PyResult<T> {
-    let told = Told { progress, stopped: AtomicBool::new(false), raised: Mutex::new(None) };
+    let told = Told {
+        progress,
+        stopped: AtomicBool::new(false),
+        raised: Mutex::new(None),
+    };
     let done = py.detach(|| {
         let (ended, end) = channel::<()>();
         std::thread::scope(|scope| {
@@ -66,8 +75,15 @@ pub fn at_work<T: Send>(
             worker.join()
         })
     });
-    if let Some(error) = told.raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
+    if let Some(error) = told
+        .raised
+        .into_inner()
+        .unwrap_or_else(PoisonError::into_inner)
+    {
         return Err(error);
     }
-    done.map_err(|_| PyRuntimeError::new_err("a fault of Hysteron itself; what it printed says where"))?.map_err(raised)
+    done.map_err(|_| {
+        PyRuntimeError::new_err("a fault of Hysteron itself; what it printed says where")
+    })?
+    .map_err(raised)
 }

@@ -43,8 +43,11 @@ struct RecordParts<Signal> {
     offset: Option<String>,
 }
 
-const STATES: [(&str, InitialState); 3] =
-    [("virgin", InitialState::Virgin), ("settled", InitialState::Settled), ("unknown", InitialState::Unknown)];
+const STATES: [(&str, InitialState); 3] = [
+    ("virgin", InitialState::Virgin),
+    ("settled", InitialState::Settled),
+    ("unknown", InitialState::Unknown),
+];
 
 /// The state that a word stands for, among the first `allowed` of [`STATES`].
 pub fn initial_state(place: &str, word: &str, allowed: usize) -> PyResult<InitialState> {
@@ -54,12 +57,26 @@ pub fn initial_state(place: &str, word: &str, allowed: usize) -> PyResult<Initia
         .iter()
         .find(|(known, _)| *known == word)
         .map(|(_, state)| *state)
-        .ok_or_else(|| wrong(place, format!("initial_state = \"{word}\"; expected {}", words.join(" or "))))
+        .ok_or_else(|| {
+            wrong(
+                place,
+                format!(
+                    "initial_state = \"{word}\"; expected {}",
+                    words.join(" or ")
+                ),
+            )
+        })
 }
 
 /// Further signals by name.
 pub fn auxiliary_signals(by_name: &BTreeMap<String, PyBackedBytes>) -> Vec<AuxiliarySignal> {
-    by_name.iter().map(|(name, values)| AuxiliarySignal { name: name.clone(), values: numbers(values) }).collect()
+    by_name
+        .iter()
+        .map(|(name, values)| AuxiliarySignal {
+            name: name.clone(),
+            values: numbers(values),
+        })
+        .collect()
 }
 
 fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
@@ -80,25 +97,43 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
     } = parts;
     let roles = [Role::Identify, Role::Validate, Role::Noise, Role::Test];
     let Some(role) = roles.into_iter().find(|known| known.name() == role) else {
-        return Err(wrong(&name, format!("role = \"{role}\"; expected identify, validate, noise or test")));
+        return Err(wrong(
+            &name,
+            format!("role = \"{role}\"; expected identify, validate, noise or test"),
+        ));
     };
     let initial_state = initial_state(&name, &parts.initial_state, STATES.len())?;
     let offset_is_fitted = match offset.as_deref() {
         Some("fit") => true,
         Some("zero") => false,
         None => initial_state != InitialState::Virgin,
-        Some(other) => return Err(wrong(&name, format!("offset = \"{other}\"; expected fit or zero"))),
+        Some(other) => {
+            return Err(wrong(
+                &name,
+                format!("offset = \"{other}\"; expected fit or zero"),
+            ));
+        }
     };
     let drive_v = numbers(&drive_v);
-    if let Some((from, to)) = left_out.iter().find(|(from, to)| from >= to || *to > drive_v.len()) {
-        return Err(wrong(&name, format!("left_out = ({from}, {to}); expected a first sample, and one behind the last")));
+    if let Some((from, to)) = left_out
+        .iter()
+        .find(|(from, to)| from >= to || *to > drive_v.len())
+    {
+        return Err(wrong(
+            &name,
+            format!("left_out = ({from}, {to}); expected a first sample, and one behind the last"),
+        ));
     }
     let mut record = Record {
         role,
         initial_state,
         offset_is_fitted,
         window: window.map_or(0..drive_v.len(), |(from, to)| from..to),
-        periods: periods.map(|(from, length, count)| Periods { from, length, count }),
+        periods: periods.map(|(from, length, count)| Periods {
+            from,
+            length,
+            count,
+        }),
         repeat_of,
         force_n: force_n.map(|force| numbers(&force)),
         auxiliary: auxiliary_signals(&auxiliary),
@@ -109,21 +144,39 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
 }
 
 fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyBytes>> {
-    let state = STATES.iter().find(|(_, state)| *state == record.initial_state).map_or("unknown", |(word, _)| word);
+    let state = STATES
+        .iter()
+        .find(|(_, state)| *state == record.initial_state)
+        .map_or("unknown", |(word, _)| word);
     RecordParts {
         name: record.name.clone(),
         sample_rate_hz: record.sample_rate_hz,
         drive_v: bytes(py, &record.drive_v),
         displacement_um: bytes(py, &record.displacement_um),
         force_n: record.force_n.as_ref().map(|force| bytes(py, force)),
-        auxiliary: record.auxiliary.iter().map(|signal| (signal.name.clone(), bytes(py, &signal.values))).collect(),
+        auxiliary: record
+            .auxiliary
+            .iter()
+            .map(|signal| (signal.name.clone(), bytes(py, &signal.values)))
+            .collect(),
         role: record.role.name().into(),
         initial_state: state.into(),
         window: Some((record.window.start, record.window.end)),
-        left_out: record.left_out.iter().map(|range| (range.start, range.end)).collect(),
+        left_out: record
+            .left_out
+            .iter()
+            .map(|range| (range.start, range.end))
+            .collect(),
         periods: record.periods.map(|p| (p.from, p.length, p.count)),
         repeat_of: record.repeat_of.clone(),
-        offset: Some(if record.offset_is_fitted { "fit" } else { "zero" }.into()),
+        offset: Some(
+            if record.offset_is_fitted {
+                "fit"
+            } else {
+                "zero"
+            }
+            .into(),
+        ),
     }
 }
 
@@ -135,11 +188,18 @@ enum Column {
 }
 
 /// What is specified by signal, `t`, `u`, `y` or `force`.
-fn by_signal<T, U>(argument: &str, said: BTreeMap<String, T>, value: impl Fn(T) -> U) -> PyResult<PerColumn<U>> {
+fn by_signal<T, U>(
+    argument: &str,
+    said: BTreeMap<String, T>,
+    value: impl Fn(T) -> U,
+) -> PyResult<PerColumn<U>> {
     let mut found = PerColumn::default();
     for (signal, said) in said {
         let Some(place) = found.by_key(&signal) else {
-            return Err(wrong(argument, format!("`{signal}`; expected t, u, y or force")));
+            return Err(wrong(
+                argument,
+                format!("`{signal}`; expected t, u, y or force"),
+            ));
         };
         *place = Some(value(said));
     }
@@ -156,9 +216,17 @@ impl Dataset {
         sensor_lsb_um: Option<f64>,
         records: Vec<RecordParts<PyBackedBytes>>,
     ) -> PyResult<Self> {
-        let records = records.into_iter().map(record_of).collect::<PyResult<_>>()?;
-        let dataset = hysteron::Dataset::new(name, drive_limits_v.0, drive_limits_v.1, records).map_err(raised)?;
-        Ok(Self(Arc::new(hysteron::Dataset { sensor_bandwidth_hz, sensor_lsb_um, ..dataset })))
+        let records = records
+            .into_iter()
+            .map(record_of)
+            .collect::<PyResult<_>>()?;
+        let dataset = hysteron::Dataset::new(name, drive_limits_v.0, drive_limits_v.1, records)
+            .map_err(raised)?;
+        Ok(Self(Arc::new(hysteron::Dataset {
+            sensor_bandwidth_hz,
+            sensor_lsb_um,
+            ..dataset
+        })))
     }
 
     #[staticmethod]
@@ -177,13 +245,39 @@ impl Dataset {
             Column::Number(number) => ColumnName::Number(number),
             Column::Name(name) => ColumnName::Name(name),
         };
-        let (columns, unit) = (by_signal("columns", columns, column)?, by_signal("units", units, |unit| unit)?);
-        let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
-        let wanted = ColumnRules { columns, unit, scale: PerColumn::default(), auxiliary };
-        let timing = timing.map(|name| Timing::named("timing", &name)).transpose().map_err(raised)?;
-        let intersample = intersample.map(|name| intersample_named("intersample", &name)).transpose().map_err(raised)?;
-        let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing, intersample };
-        Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))
+        let (columns, unit) = (
+            by_signal("columns", columns, column)?,
+            by_signal("units", units, |unit| unit)?,
+        );
+        let auxiliary = auxiliary
+            .into_iter()
+            .map(|(name, said)| (name, column(said)))
+            .collect();
+        let wanted = ColumnRules {
+            columns,
+            unit,
+            scale: PerColumn::default(),
+            auxiliary,
+        };
+        let timing = timing
+            .map(|name| Timing::named("timing", &name))
+            .transpose()
+            .map_err(raised)?;
+        let intersample = intersample
+            .map(|name| intersample_named("intersample", &name))
+            .transpose()
+            .map_err(raised)?;
+        let instructions = Instructions {
+            wanted,
+            sample_rate_hz,
+            skip_rows,
+            timing,
+            intersample,
+        };
+        Ok(Self(Arc::new(
+            py.detach(|| folder::load_as(&path, &instructions))
+                .map_err(raised)?,
+        )))
     }
 
     fn name(&self) -> &str {
@@ -207,10 +301,18 @@ impl Dataset {
     }
 
     fn record_names(&self) -> Vec<String> {
-        self.0.records.iter().map(|record| record.name.clone()).collect()
+        self.0
+            .records
+            .iter()
+            .map(|record| record.name.clone())
+            .collect()
     }
 
     fn records<'py>(&self, py: Python<'py>) -> Vec<RecordParts<Bound<'py, PyBytes>>> {
-        self.0.records.iter().map(|record| parts_of(py, record)).collect()
+        self.0
+            .records
+            .iter()
+            .map(|record| parts_of(py, record))
+            .collect()
     }
 }

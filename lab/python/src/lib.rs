@@ -15,7 +15,12 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-create_exception!(hysteron, HysteronError, PyValueError, "Wrong input: where, what is wrong, and what was expected.");
+create_exception!(
+    hysteron,
+    HysteronError,
+    PyValueError,
+    "Wrong input: where, what is wrong, and what was expected."
+);
 
 /// The library's one message as an exception.
 fn raised(error: hysteron::Error) -> PyErr {
@@ -29,12 +34,24 @@ fn wrong(place: &str, message: impl std::fmt::Display) -> PyErr {
 
 /// The numbers of a NumPy array of 64-bit floats.
 fn numbers(bytes: &[u8]) -> Vec<f64> {
-    bytes.as_chunks().0.iter().map(|bytes| f64::from_ne_bytes(*bytes)).collect()
+    bytes
+        .as_chunks()
+        .0
+        .iter()
+        .map(|bytes| f64::from_ne_bytes(*bytes))
+        .collect()
 }
 
 /// Numbers as NumPy takes them.
 fn bytes<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyBytes> {
-    PyBytes::new(py, numbers.iter().flat_map(|number| number.to_ne_bytes()).collect::<Vec<u8>>().as_slice())
+    PyBytes::new(
+        py,
+        numbers
+            .iter()
+            .flat_map(|number| number.to_ne_bytes())
+            .collect::<Vec<u8>>()
+            .as_slice(),
+    )
 }
 
 /// The module that `hysteron/__init__.py` imports.

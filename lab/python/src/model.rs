@@ -23,14 +23,25 @@ pub struct Model {
 type Parameter = (String, String, f64, Option<f64>, String);
 
 fn parameters_of(effect: &EffectInstance) -> impl Iterator<Item = Parameter> {
-    effect.parameters.iter().map(|p| (effect.id.clone(), p.parameter.name.clone(), p.value, p.std, p.parameter.unit.clone()))
+    effect.parameters.iter().map(|p| {
+        (
+            effect.id.clone(),
+            p.parameter.name.clone(),
+            p.value,
+            p.std,
+            p.parameter.unit.clone(),
+        )
+    })
 }
 
 #[pymethods]
 impl Model {
     #[staticmethod]
     fn from_toml(text: &str, name: String) -> PyResult<Self> {
-        Ok(Self { model: model_file::from_toml(text, &name).map_err(raised)?, data_set: name })
+        Ok(Self {
+            model: model_file::from_toml(text, &name).map_err(raised)?,
+            data_set: name,
+        })
     }
 
     fn to_toml(&self) -> PyResult<String> {
@@ -66,21 +77,49 @@ impl Model {
         // At an unknown state nothing can begin: the first two of the words.
         let initial_state = initial_state("simulate", state, 2)?;
         if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
-            return Err(wrong("simulate", format!("sample_rate_hz = {sample_rate_hz}; expected a positive number")));
+            return Err(wrong(
+                "simulate",
+                format!("sample_rate_hz = {sample_rate_hz}; expected a positive number"),
+            ));
         }
         let (drive_v, force_n) = (numbers(drive_v), force_n.map(|force| numbers(&force)));
-        if let Some(force) = force_n.as_ref().filter(|force| force.len() != drive_v.len()) {
-            return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
+        if let Some(force) = force_n
+            .as_ref()
+            .filter(|force| force.len() != drive_v.len())
+        {
+            return Err(wrong(
+                "simulate",
+                format!(
+                    "drive_v has {} samples, force_n {}; expected as many",
+                    drive_v.len(),
+                    force.len()
+                ),
+            ));
         }
         let beside = auxiliary_signals(&auxiliary);
-        let drive = Drive { force_n: force_n.as_deref(), auxiliary: &beside, ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state) };
-        let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
+        let drive = Drive {
+            force_n: force_n.as_deref(),
+            auxiliary: &beside,
+            ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state)
+        };
+        let read = at_work(py, None, |_| {
+            hysteron::simulate::simulate(&self.model, &drive, "drive_v")
+        })?;
         Ok(bytes(py, &read))
     }
 
     /// Measured less modelled inside the window of a record.
-    fn residual<'py>(&self, py: Python<'py>, dataset: &Dataset, record: usize) -> PyResult<Bound<'py, PyBytes>> {
-        let record = dataset.0.records.get(record).ok_or_else(|| wrong("record", "there is no such record"))?;
+    fn residual<'py>(
+        &self,
+        py: Python<'py>,
+        dataset: &Dataset,
+        record: usize,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let record = dataset
+            .0
+            .records
+            .get(record)
+            .ok_or_else(|| wrong("record", "there is no such record"))?;
         Ok(bytes(py, &py.detach(|| fit::residual(&self.model, record))))
     }
 }

@@ -37,7 +37,10 @@ const MADE_BY: &str = "the Python package hysteron";
 #[pymethods]
 impl Outcome {
     fn model(&self) -> Model {
-        Model { model: self.model.clone(), data_set: self.dataset.name.clone() }
+        Model {
+            model: self.model.clone(),
+            data_set: self.dataset.name.clone(),
+        }
     }
 
     fn figures(&self) -> PyResult<String> {
@@ -48,14 +51,20 @@ impl Outcome {
         py.detach(|| {
             let report = match &self.found {
                 Some(found) => explain_report(found, &self.dataset, MADE_BY.into()),
-                None => comparison_report(&self.model, &self.dataset, &self.figures, MADE_BY.into()),
+                None => {
+                    comparison_report(&self.model, &self.dataset, &self.figures, MADE_BY.into())
+                }
             };
             explain_page(&report).to_html()
         })
     }
 
     fn next_drive(&self) -> Option<String> {
-        self.found.as_ref()?.next_experiment.as_ref().map(|next| next.proposal.csv())
+        self.found
+            .as_ref()?
+            .next_experiment
+            .as_ref()
+            .map(|next| next.proposal.csv())
     }
 }
 
@@ -72,16 +81,33 @@ fn effects_of(said: Vec<EffectSaid>) -> PyResult<Vec<Arc<dyn Effect>>> {
         EffectSaid::Named(name) => model_file::effect_named(&name),
         EffectSaid::Own(text, name) => model_file::own_effect(&text, &name),
     };
-    said.into_iter().map(effect).collect::<hysteron::Result<_>>().map_err(raised)
+    said.into_iter()
+        .map(effect)
+        .collect::<hysteron::Result<_>>()
+        .map_err(raised)
 }
 
-fn searched(py: Python<'_>, dataset: &Dataset, start: Start, own: Vec<EffectSaid>, progress: Option<Py<PyAny>>) -> PyResult<Outcome> {
-    let options = Options { own: effects_of(own)?, ..Options::default() };
+fn searched(
+    py: Python<'_>,
+    dataset: &Dataset,
+    start: Start,
+    own: Vec<EffectSaid>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Outcome> {
+    let options = Options {
+        own: effects_of(own)?,
+        ..Options::default()
+    };
     let (dataset, started) = (&dataset.0, Instant::now());
     at_work(py, progress, |told| {
         let found = analyse(dataset, start, &options, told)?;
         let figures = found.figures(dataset, started.elapsed().as_secs_f64());
-        Ok(Outcome { model: found.model.clone(), dataset: Arc::clone(dataset), figures, found: Some(Box::new(found)) })
+        Ok(Outcome {
+            model: found.model.clone(),
+            dataset: Arc::clone(dataset),
+            figures,
+            found: Some(Box::new(found)),
+        })
     })
 }
 
@@ -95,7 +121,12 @@ fn fitted(
     at_work(py, progress, |told| {
         let fit = work(told)?;
         let figures = fit.figures(dataset, started.elapsed().as_secs_f64());
-        Ok(Outcome { model: fit.model, dataset: Arc::clone(dataset), figures, found: None })
+        Ok(Outcome {
+            model: fit.model,
+            dataset: Arc::clone(dataset),
+            figures,
+            found: None,
+        })
     })
 }
 
@@ -114,22 +145,49 @@ pub fn explain(
 
 /// The main job from a model as it is.
 #[pyfunction]
-pub fn diagnose(py: Python<'_>, model: &Model, dataset: &Dataset, own: Vec<EffectSaid>, progress: Option<Py<PyAny>>) -> PyResult<Outcome> {
-    searched(py, dataset, Start::Model(model.model.clone()), own, progress)
+pub fn diagnose(
+    py: Python<'_>,
+    model: &Model,
+    dataset: &Dataset,
+    own: Vec<EffectSaid>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Outcome> {
+    searched(
+        py,
+        dataset,
+        Start::Model(model.model.clone()),
+        own,
+        progress,
+    )
 }
 
 /// A list of effects fitted.
 #[pyfunction]
-pub fn identify(py: Python<'_>, dataset: &Dataset, effects: Vec<EffectSaid>, progress: Option<Py<PyAny>>) -> PyResult<Outcome> {
+pub fn identify(
+    py: Python<'_>,
+    dataset: &Dataset,
+    effects: Vec<EffectSaid>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Outcome> {
     let effects = effects_of(effects)?;
-    fitted(py, dataset, progress, |told| identify_effects(&dataset.0, &effects, told))
+    fitted(py, dataset, progress, |told| {
+        identify_effects(&dataset.0, &effects, told)
+    })
 }
 
 /// One effect more.
 #[pyfunction]
-pub fn add(py: Python<'_>, effect: EffectSaid, model: &Model, dataset: &Dataset, progress: Option<Py<PyAny>>) -> PyResult<Outcome> {
+pub fn add(
+    py: Python<'_>,
+    effect: EffectSaid,
+    model: &Model,
+    dataset: &Dataset,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Outcome> {
     let effect = effects_of(vec![effect])?;
-    fitted(py, dataset, progress, |told| add_effect(&effect[0], model.model.clone(), &dataset.0, told))
+    fitted(py, dataset, progress, |told| {
+        add_effect(&effect[0], model.model.clone(), &dataset.0, told)
+    })
 }
 
 /// A model as it is.
@@ -137,9 +195,25 @@ pub fn add(py: Python<'_>, effect: EffectSaid, model: &Model, dataset: &Dataset,
 pub fn compare(py: Python<'_>, model: &Model, dataset: &Dataset) -> PyResult<Outcome> {
     let (model, dataset, started) = (model.model.clone(), &dataset.0, Instant::now());
     at_work(py, None, |_| {
-        require_finite(&model, dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
-        let figures = fit_figures(&model, dataset, &noise_floor_beside(&model, dataset), Vec::new(), &[], started.elapsed().as_secs_f64());
-        Ok(Outcome { model, dataset: Arc::clone(dataset), figures, found: None })
+        require_finite(
+            &model,
+            dataset,
+            &(0..dataset.records.len()).collect::<Vec<_>>(),
+        )?;
+        let figures = fit_figures(
+            &model,
+            dataset,
+            &noise_floor_beside(&model, dataset),
+            Vec::new(),
+            &[],
+            started.elapsed().as_secs_f64(),
+        );
+        Ok(Outcome {
+            model,
+            dataset: Arc::clone(dataset),
+            figures,
+            found: None,
+        })
     })
 }
 
@@ -165,6 +239,11 @@ pub fn design(
         recording,
         ..usual
     };
-    let design = at_work(py, None, |_| design_servo(&model.model, &order).map_err(|why| hysteron::Error::new("design", why)))?;
-    Ok((toml::to_string_pretty(&design).map_err(|error| wrong("design", error))?, json(&design)?))
+    let design = at_work(py, None, |_| {
+        design_servo(&model.model, &order).map_err(|why| hysteron::Error::new("design", why))
+    })?;
+    Ok((
+        toml::to_string_pretty(&design).map_err(|error| wrong("design", error))?,
+        json(&design)?,
+    ))
 }

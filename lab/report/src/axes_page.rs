@@ -17,34 +17,65 @@ fn short(value: f64) -> String {
 
 /// The page of a search.
 #[must_use]
-pub fn axes_page(figures: &AxesFigures, data: &AxesData, stage: &ModalStage, matrix: &ResponseMatrix, command: String) -> Page {
+pub fn axes_page(
+    figures: &AxesFigures,
+    data: &AxesData,
+    stage: &ModalStage,
+    matrix: &ResponseMatrix,
+    command: String,
+) -> Page {
     let times = if figures.error_in == "noise" {
         format!("{:.2} times the noise", figures.error)
     } else {
         format!("{:.2} % of the readings", 100.0 * figures.error)
     };
     Page {
-        title: format!("{}: {} drives, {} sensors", figures.name, data.drives.len(), data.sensors.len()),
-        lead_sentence: format!("{} effects in their channels; the error on held-out records is {times}.", figures.named.len()),
+        title: format!(
+            "{}: {} drives, {} sensors",
+            figures.name,
+            data.drives.len(),
+            data.sensors.len()
+        ),
+        lead_sentence: format!(
+            "{} effects in their channels; the error on held-out records is {times}.",
+            figures.named.len()
+        ),
         tone: Tone::Neutral,
         facts: vec![
             ("parameters".into(), figures.parameters.to_string()),
             ("held-out error".into(), times),
             ("seconds".into(), format!("{:.0}", figures.seconds)),
         ],
-        sections: vec![effects(figures), responses(data, matrix), modes(data, stage)],
+        sections: vec![
+            effects(figures),
+            responses(data, matrix),
+            modes(data, stage),
+        ],
         footer: vec![command],
         ..Page::default()
     }
 }
 
 fn effects(figures: &AxesFigures) -> Section {
-    let found = figures
-        .named
+    let found = figures.named.iter().map(|effect| {
+        vec![
+            effect.effect.replace('_', " "),
+            effect.channel.clone(),
+            short(effect.error_without),
+            effect.or.join(" or "),
+        ]
+    });
+    let steps = figures
+        .steps
         .iter()
-        .map(|effect| vec![effect.effect.replace('_', " "), effect.channel.clone(), short(effect.error_without), effect.or.join(" or ")]);
-    let steps = figures.steps.iter().map(|step| vec![step.added.clone(), short(step.before), short(step.after)]);
-    let sensors = figures.sensors.iter().map(|s| vec![s.sensor.clone(), short(s.held_out_rms), format!("{:.2}", s.held_out_pct)]);
+        .map(|step| vec![step.added.clone(), short(step.before), short(step.after)]);
+    let sensors = figures.sensors.iter().map(|s| {
+        vec![
+            s.sensor.clone(),
+            short(s.held_out_rms),
+            format!("{:.2}", s.held_out_pct),
+        ]
+    });
     let table = |title: &str, columns: &[&str], rows: Vec<Vec<String>>, caption: &str| {
         PageBlock::Table(Table {
             title: title.into(),
@@ -54,7 +85,11 @@ fn effects(figures: &AxesFigures) -> Section {
             ..Table::default()
         })
     };
-    let unit = if figures.error_in == "noise" { "times the noise" } else { "of the RMS of the readings" };
+    let unit = if figures.error_in == "noise" {
+        "times the noise"
+    } else {
+        "of the RMS of the readings"
+    };
     Section {
         heading: "What was found".into(),
         text: format!("Errors are RMS on held-out records, {unit}."),
@@ -65,8 +100,18 @@ fn effects(figures: &AxesFigures) -> Section {
                 found.collect(),
                 "Without an effect everything else is fitted again. Where the last column names another effect, it does as well in its place.",
             ),
-            table("How the model grew", &["Effect", "Before", "After"], steps.collect(), ""),
-            table("Sensors", &["Sensor", "Held-out RMS", "% of its reading"], sensors.collect(), ""),
+            table(
+                "How the model grew",
+                &["Effect", "Before", "After"],
+                steps.collect(),
+                "",
+            ),
+            table(
+                "Sensors",
+                &["Sensor", "Held-out RMS", "% of its reading"],
+                sensors.collect(),
+                "",
+            ),
         ],
     }
 }
@@ -76,15 +121,25 @@ fn responses(data: &AxesData, matrix: &ResponseMatrix) -> Section {
     let mut blocks = Vec::new();
     for (i, sensor) in data.sensors.iter().enumerate() {
         for (j, drive) in data.drives.iter().enumerate() {
-            let line = |label: &str, role: CurveRole, y: &[f64]| Series::line(label, role, matrix.frequency_hz.clone(), y.to_vec());
+            let line = |label: &str, role: CurveRole, y: &[f64]| {
+                Series::line(label, role, matrix.frequency_hz.clone(), y.to_vec())
+            };
             blocks.push(PageBlock::Plot(
                 Plot::new(format!("{drive} to {sensor}"))
                     .x_axis("frequency", "Hz")
                     .y_axis("response", &unit)
                     .log(true, true)
                     .link("frequency")
-                    .width(if data.drives.len() > 2 { Width::Third } else { Width::Half })
-                    .with(line("measured", CurveRole::Measured, &matrix.measured[i][j]))
+                    .width(if data.drives.len() > 2 {
+                        Width::Third
+                    } else {
+                        Width::Half
+                    })
+                    .with(line(
+                        "measured",
+                        CurveRole::Measured,
+                        &matrix.measured[i][j],
+                    ))
                     .with(line("modelled", CurveRole::Model, &matrix.modelled[i][j])),
             ));
         }
@@ -98,16 +153,34 @@ fn responses(data: &AxesData, matrix: &ResponseMatrix) -> Section {
 }
 
 fn modes(data: &AxesData, stage: &ModalStage) -> Section {
-    let mut columns = vec!["Natural frequency, Hz".to_owned(), "Damping ratio".to_owned()];
+    let mut columns = vec![
+        "Natural frequency, Hz".to_owned(),
+        "Damping ratio".to_owned(),
+    ];
     columns.extend(data.drives.iter().map(|drive| format!("of {drive}")));
     columns.extend(data.sensors.iter().map(|sensor| format!("of {sensor}")));
     let row = |mode: &hysteron_sim::several_axes::StageMode| {
-        let shares = mode.of_drives.iter().chain(&mode.of_sensors).map(|share| short(*share));
-        [format!("{:.2}", mode.frequency_hz), format!("{:.4}", mode.damping_ratio)].into_iter().chain(shares).collect()
+        let shares = mode
+            .of_drives
+            .iter()
+            .chain(&mode.of_sensors)
+            .map(|share| short(*share));
+        [
+            format!("{:.2}", mode.frequency_hz),
+            format!("{:.4}", mode.damping_ratio),
+        ]
+        .into_iter()
+        .chain(shares)
+        .collect()
     };
     Section {
         heading: "Modes".into(),
-        text: "Participations of drives are relative to the drive with which the mode was found.".into(),
-        blocks: vec![PageBlock::Table(Table { columns, rows: stage.modes.iter().map(row).collect(), ..Table::default() })],
+        text: "Participations of drives are relative to the drive with which the mode was found."
+            .into(),
+        blocks: vec![PageBlock::Table(Table {
+            columns,
+            rows: stage.modes.iter().map(row).collect(),
+            ..Table::default()
+        })],
     }
 }

@@ -12,7 +12,10 @@ pub fn extreme_indices(traces: &[&[f64]], target: usize) -> Vec<usize> {
     let stretches = (target / (2 * traces.len().max(1))).max(1);
     let mut kept = vec![0, length - 1];
     for stretch in 0..stretches {
-        let (from, to) = (stretch * length / stretches, (stretch + 1) * length / stretches);
+        let (from, to) = (
+            stretch * length / stretches,
+            (stretch + 1) * length / stretches,
+        );
         for trace in traces {
             let finite = || (from..to).filter(|&i| trace[i].is_finite());
             kept.extend(finite().min_by(|&a, &b| trace[a].total_cmp(&trace[b])));

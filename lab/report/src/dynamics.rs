@@ -8,12 +8,19 @@ use hysteron::response::{Correlations, Response, correlations, frequency_respons
 /// The section of the record that shows most of the dynamics; none without a driven record of some hundred
 /// samples.
 pub(crate) fn dynamics(report: &ExplainReport) -> Option<Section> {
-    let record = report.records.iter().filter(|r| r.role != "noise").max_by(|a, b| shows(a).total_cmp(&shows(b)))?;
+    let record = report
+        .records
+        .iter()
+        .filter(|r| r.role != "noise")
+        .max_by(|a, b| shows(a).total_cmp(&shows(b)))?;
     let part = longest_part(record)?;
     let (u, y) = (&record.u_v[part.clone()], &record.y_um[part.clone()]);
     let left = &record.residual_um.last()?[part];
     let modelled: Vec<f64> = y.iter().zip(left).map(|(y, left)| y - left).collect();
-    let (measured, model) = (frequency_response(u, y, record.sample_rate_hz), frequency_response(u, &modelled, record.sample_rate_hz));
+    let (measured, model) = (
+        frequency_response(u, y, record.sample_rate_hz),
+        frequency_response(u, &modelled, record.sample_rate_hz),
+    );
     let lags = correlations(left, u, record.sample_rate_hz);
     if measured.frequency_hz.is_empty() || lags.lag_s.is_empty() {
         return None;
@@ -25,7 +32,14 @@ pub(crate) fn dynamics(report: &ExplainReport) -> Option<Section> {
              correlations stay within the lines that 99 % of such residuals do not cross.",
             record.name
         ),
-        blocks: [bode(&measured, &model).to_vec(), correlation_plots(&lags).to_vec()].concat().into_iter().map(PageBlock::Plot).collect(),
+        blocks: [
+            bode(&measured, &model).to_vec(),
+            correlation_plots(&lags).to_vec(),
+        ]
+        .concat()
+        .into_iter()
+        .map(PageBlock::Plot)
+        .collect(),
     })
 }
 
@@ -45,26 +59,58 @@ fn longest_part(record: &RecordReport) -> Option<std::ops::Range<usize>> {
             from = k + 1;
         }
     }
-    parts.into_iter().max_by_key(std::ops::Range::len).filter(|part| !part.is_empty())
+    parts
+        .into_iter()
+        .max_by_key(std::ops::Range::len)
+        .filter(|part| !part.is_empty())
 }
 
 fn bode(measured: &Response, model: &Response) -> [Plot; 3] {
-    let plot = |title: &str, axis: &str, unit: &str, log: bool, of: fn(&Response) -> &Vec<f64>, both: bool| {
+    let plot = |title: &str,
+                axis: &str,
+                unit: &str,
+                log: bool,
+                of: fn(&Response) -> &Vec<f64>,
+                both: bool| {
         let line = |label: &str, role: CurveRole, response: &Response| {
-            Series::line(label, role, response.frequency_hz.clone(), of(response).clone())
+            Series::line(
+                label,
+                role,
+                response.frequency_hz.clone(),
+                of(response).clone(),
+            )
         };
-        let plot =
-            Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).width(Width::Third).link("frequency").with(line(
-                "measured",
-                CurveRole::Measured,
-                measured,
-            ));
-        if both { plot.with(line("modelled", CurveRole::Model, model)) } else { plot }
+        let plot = Plot::new(title)
+            .x_axis("frequency", "Hz")
+            .y_axis(axis, unit)
+            .log(true, log)
+            .width(Width::Third)
+            .link("frequency")
+            .with(line("measured", CurveRole::Measured, measured));
+        if both {
+            plot.with(line("modelled", CurveRole::Model, model))
+        } else {
+            plot
+        }
     };
     [
-        plot("Gain from drive to reading", "gain", "um/V", true, |r| &r.gain, true),
+        plot(
+            "Gain from drive to reading",
+            "gain",
+            "um/V",
+            true,
+            |r| &r.gain,
+            true,
+        ),
         plot("Phase", "phase", "deg", false, |r| &r.phase_deg, true),
-        plot("Coherence of the measured response", "coherence", "", false, |r| &r.coherence, false),
+        plot(
+            "Coherence of the measured response",
+            "coherence",
+            "",
+            false,
+            |r| &r.coherence,
+            false,
+        ),
     ]
 }
 
@@ -74,12 +120,22 @@ fn correlation_plots(lags: &Correlations) -> [Plot; 2] {
         Plot::new(title)
             .x_axis("lag", "ms")
             .y_axis("correlation", "")
-            .with(Series::line("residual", CurveRole::Residual, milliseconds[from..].to_vec(), values[from..].to_vec()))
+            .with(Series::line(
+                "residual",
+                CurveRole::Residual,
+                milliseconds[from..].to_vec(),
+                values[from..].to_vec(),
+            ))
             .level("99 %", bound)
             .level("99 %", -bound)
     };
     [
         plot("Residual with itself", &lags.auto, 1, lags.auto_bound),
-        plot("Residual with the drive that came before", &lags.cross, 0, lags.cross_bound),
+        plot(
+            "Residual with the drive that came before",
+            &lags.cross,
+            0,
+            lags.cross_bound,
+        ),
     ]
 }

@@ -46,11 +46,19 @@ fn encode(values: &[f64]) -> Value {
     let (low, high) = if low <= high { (low, high) } else { (0.0, 0.0) };
     let rising = values.windows(2).all(|w| w[0] <= w[1]);
     let top = if rising { u32::MAX - 1 } else { 65534 };
-    let scale = if high > low { f64::from(top) / (high - low) } else { 0.0 };
+    let scale = if high > low {
+        f64::from(top) / (high - low)
+    } else {
+        0.0
+    };
     let mut bytes = Vec::with_capacity(values.len() * if rising { 4 } else { 2 });
     for &value in values {
         // Casts from float saturate; the code above `top` marks a gap.
-        let code = if value.is_finite() { ((value - low) * scale).round() as u32 } else { top + 1 };
+        let code = if value.is_finite() {
+            ((value - low) * scale).round() as u32
+        } else {
+            top + 1
+        };
         if rising {
             bytes.extend(code.to_le_bytes());
         } else {
@@ -76,7 +84,10 @@ mod tests {
         values[7] = f64::NAN;
         let packed = encode(&values);
         let bytes = STANDARD.decode(packed["packed"].as_str().unwrap()).unwrap();
-        let (low, high) = (packed["low"].as_f64().unwrap(), packed["high"].as_f64().unwrap());
+        let (low, high) = (
+            packed["low"].as_f64().unwrap(),
+            packed["high"].as_f64().unwrap(),
+        );
         for (i, pair) in bytes.chunks(2).enumerate() {
             let code = u16::from_le_bytes([pair[0], pair[1]]);
             if i == 7 {

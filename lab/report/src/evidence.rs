@@ -53,7 +53,9 @@ impl View {
             Against::TimeSinceTurn => Self::TimeSinceTurn,
             Against::Drive => Self::Drive,
             Against::Displacement => Self::Displacement,
-            Against::WithinStep => Self::WithinStep { step_um: evidence.reading_step_um },
+            Against::WithinStep => Self::WithinStep {
+                step_um: evidence.reading_step_um,
+            },
             Against::Rate => Self::Rate,
             Against::Force => Self::Force,
             Against::Time => Self::Time,
@@ -77,15 +79,26 @@ impl View {
 }
 
 /// The plots for one effect, records in which its signature moves most first.
-pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]) -> Vec<PageBlock> {
+pub(super) fn evidence_plots(
+    evidence: &EvidenceReport,
+    records: &[RecordReport],
+) -> Vec<PageBlock> {
     let view = View::of(evidence);
     let power = |trace: &EvidenceTrace| trace.predicted_um.iter().map(|p| p * p).sum::<f64>();
-    let mut traces: Vec<&EvidenceTrace> = evidence.traces.iter().filter(|t| t.record < records.len() && power(t) > 0.0).collect();
+    let mut traces: Vec<&EvidenceTrace> = evidence
+        .traces
+        .iter()
+        .filter(|t| t.record < records.len() && power(t) > 0.0)
+        .collect();
     traces.sort_by(|a, b| {
         let mean = |t: &EvidenceTrace| power(t) / t.predicted_um.len() as f64;
         mean(b).total_cmp(&mean(a))
     });
-    let width = if traces.len() == 1 { Width::Full } else { Width::Half };
+    let width = if traces.len() == 1 {
+        Width::Full
+    } else {
+        Width::Half
+    };
     traces
         .into_iter()
         .take(MOST_RECORDS)
@@ -134,9 +147,19 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             (spectrum.frequency_hz, density)
         };
         let (x, y) = curve(&trace.residual_um);
-        plot.series.push(Series::points("what the residual does", CurveRole::Residual, x, y));
+        plot.series.push(Series::points(
+            "what the residual does",
+            CurveRole::Residual,
+            x,
+            y,
+        ));
         let (x, y) = curve(&trace.predicted_um);
-        plot.series.push(Series::line("what the signature predicts", CurveRole::Model, x, y));
+        plot.series.push(Series::line(
+            "what the signature predicts",
+            CurveRole::Model,
+            x,
+            y,
+        ));
         plot.y.log = true;
         return plot.y_axis("amplitude density", "nm/rtHz");
     }
@@ -145,7 +168,13 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     let high_v = record.u_v.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let branch = branches(&record.u_v, record.sample_rate_hz, high_v - low_v);
     let length = trace.residual_um.len().min(trace.predicted_um.len());
-    let sample = |i: usize| if every_sample { i } else { trace.samples.get(i).copied().unwrap_or(i) };
+    let sample = |i: usize| {
+        if every_sample {
+            i
+        } else {
+            trace.samples.get(i).copied().unwrap_or(i)
+        }
+    };
     let abscissa = |i: usize| -> Option<f64> {
         let k = sample(i);
         let (_, age_s) = *branch.get(k)?;
@@ -171,36 +200,83 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     let by_branch = matches!(view, View::Drive | View::Displacement);
     let groups: &[(&str, &[Branch], CurveRole, CurveRole)] = if by_branch {
         &[
-            (", first rise", &[Branch::FirstRise], CurveRole::Other3, CurveRole::Other3),
-            (", rising", &[Branch::Rising], CurveRole::Other1, CurveRole::Other1),
-            (", falling", &[Branch::Falling], CurveRole::Other2, CurveRole::Other2),
+            (
+                ", first rise",
+                &[Branch::FirstRise],
+                CurveRole::Other3,
+                CurveRole::Other3,
+            ),
+            (
+                ", rising",
+                &[Branch::Rising],
+                CurveRole::Other1,
+                CurveRole::Other1,
+            ),
+            (
+                ", falling",
+                &[Branch::Falling],
+                CurveRole::Other2,
+                CurveRole::Other2,
+            ),
         ]
     } else {
-        &[("", &[Branch::FirstRise, Branch::Rising, Branch::Falling, Branch::Held], CurveRole::Residual, CurveRole::Model)]
+        &[(
+            "",
+            &[
+                Branch::FirstRise,
+                Branch::Rising,
+                Branch::Falling,
+                Branch::Held,
+            ],
+            CurveRole::Residual,
+            CurveRole::Model,
+        )]
     };
     if view == View::TimeHeld {
         add_holds(&mut plot, trace, record, &branch, sample);
         return plot;
     }
-    let bins = if matches!(view, View::Time | View::Frequency) { TIME_BINS } else { BINS };
+    let bins = if matches!(view, View::Time | View::Frequency) {
+        TIME_BINS
+    } else {
+        BINS
+    };
     for &(name, on, dots, line) in groups {
         let chosen: Vec<(f64, usize)> = (0..length)
             .filter(|&i| branch.get(sample(i)).is_some_and(|(b, _)| on.contains(b)))
             .filter_map(|i| abscissa(i).filter(|x| x.is_finite()).map(|x| (x, i)))
             .collect();
         let (x, residual, predicted) = binned(&chosen, trace, bins);
-        let x: Vec<f64> = if view == View::TimeSinceTurn { x.iter().map(|x| 10f64.powf(*x)).collect() } else { x };
+        let x: Vec<f64> = if view == View::TimeSinceTurn {
+            x.iter().map(|x| 10f64.powf(*x)).collect()
+        } else {
+            x
+        };
         if x.is_empty() {
             continue;
         }
         plot.series.push(Series::points(
-            format!("{}{name}", if name.is_empty() { "what the residual does" } else { "residual" }),
+            format!(
+                "{}{name}",
+                if name.is_empty() {
+                    "what the residual does"
+                } else {
+                    "residual"
+                }
+            ),
             dots,
             x.clone(),
             residual,
         ));
         plot.series.push(Series::line(
-            format!("{}{name}", if name.is_empty() { "what the signature predicts" } else { "signature" }),
+            format!(
+                "{}{name}",
+                if name.is_empty() {
+                    "what the signature predicts"
+                } else {
+                    "signature"
+                }
+            ),
             line,
             x,
             predicted,
@@ -211,7 +287,13 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
 
 /// One pair of curves for each of the longest holds: averaged over holds, steps up and steps down would
 /// cancel.
-fn add_holds(plot: &mut Plot, trace: &EvidenceTrace, record: &RecordReport, branch: &[(Branch, f64)], sample: impl Fn(usize) -> usize) {
+fn add_holds(
+    plot: &mut Plot,
+    trace: &EvidenceTrace,
+    record: &RecordReport,
+    branch: &[(Branch, f64)],
+    sample: impl Fn(usize) -> usize,
+) {
     let length = trace.residual_um.len().min(trace.predicted_um.len());
     let mut holds: Vec<Vec<(f64, usize)>> = Vec::new();
     let mut level_v = f64::NAN;
@@ -236,13 +318,27 @@ fn add_holds(plot: &mut Plot, trace: &EvidenceTrace, record: &RecordReport, bran
     for hold in holds.iter().take(MOST_HOLDS) {
         let (x, residual, predicted) = binned(hold, trace, BINS / 2);
         let x: Vec<f64> = x.iter().map(|x| 10f64.powf(*x)).collect();
-        plot.series.push(Series::points("what the residual does", CurveRole::Residual, x.clone(), residual));
-        plot.series.push(Series::line("what the signature predicts", CurveRole::Model, x, predicted));
+        plot.series.push(Series::points(
+            "what the residual does",
+            CurveRole::Residual,
+            x.clone(),
+            residual,
+        ));
+        plot.series.push(Series::line(
+            "what the signature predicts",
+            CurveRole::Model,
+            x,
+            predicted,
+        ));
     }
 }
 
 /// Bin centres and the means of residual and prediction, nm, over the bins that hold samples.
-fn binned(chosen: &[(f64, usize)], trace: &EvidenceTrace, bins: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+fn binned(
+    chosen: &[(f64, usize)],
+    trace: &EvidenceTrace,
+    bins: usize,
+) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let low = chosen.iter().map(|c| c.0).fold(f64::INFINITY, f64::min);
     let high = chosen.iter().map(|c| c.0).fold(f64::NEG_INFINITY, f64::max);
     let mut out = (Vec::new(), Vec::new(), Vec::new());
@@ -278,8 +374,18 @@ mod tests {
     #[test]
     fn creep_is_drawn_over_the_logarithm_of_time_since_the_step() {
         let rate = 200.0;
-        let u_v: Vec<f64> = (0..2000).map(|k| if k < 100 { 0.0 } else { 30.0 }).collect();
-        let law: Vec<f64> = (0..2000).map(|k| if k > 100 { 0.01 * (f64::from(k - 100) / rate).log10() } else { 0.0 }).collect();
+        let u_v: Vec<f64> = (0..2000)
+            .map(|k| if k < 100 { 0.0 } else { 30.0 })
+            .collect();
+        let law: Vec<f64> = (0..2000)
+            .map(|k| {
+                if k > 100 {
+                    0.01 * (f64::from(k - 100) / rate).log10()
+                } else {
+                    0.0
+                }
+            })
+            .collect();
         let record = RecordReport {
             name: "hold".into(),
             role: "validate".into(),
@@ -295,7 +401,11 @@ mod tests {
             against: creep.against,
             caption: creep.caption.into(),
             reading_step_um: 0.0,
-            traces: vec![EvidenceTrace { residual_um: law.clone(), predicted_um: law, ..EvidenceTrace::default() }],
+            traces: vec![EvidenceTrace {
+                residual_um: law.clone(),
+                predicted_um: law,
+                ..EvidenceTrace::default()
+            }],
         };
         let plots = evidence_plots(&evidence, &[record]);
         let PageBlock::Plot(plot) = &plots[0] else {
@@ -304,8 +414,13 @@ mod tests {
         assert!(plot.x.log);
         assert!(plot.title.contains("100 %"), "{}", plot.title);
         // The mean residual rises by 10 nm a decade.
-        let late: Vec<(f64, f64)> =
-            plot.series[0].x.iter().zip(&plot.series[0].y).filter(|(x, _)| **x > 0.1).map(|(x, y)| (x.log10(), *y)).collect();
+        let late: Vec<(f64, f64)> = plot.series[0]
+            .x
+            .iter()
+            .zip(&plot.series[0].y)
+            .filter(|(x, _)| **x > 0.1)
+            .map(|(x, y)| (x.log10(), *y))
+            .collect();
         let (first, last) = (late[0], late[late.len() - 1]);
         let slope = (last.1 - first.1) / (last.0 - first.0);
         assert!((slope - 10.0).abs() < 0.5, "{slope}");

@@ -9,11 +9,13 @@ use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
 use super::explain_report::{CandidateReport, ExplainReport, StepReport};
 use super::page::{
-    CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section, Selector, Series, Style, Table, Tone, Waterfall,
-    WaterfallStep, When, Width,
+    CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section, Selector,
+    Series, Style, Table, Tone, Waterfall, WaterfallStep, When, Width,
 };
 use super::text::{Significant, effect_words, figure, nanometres, percent, role_words};
-use hysteron::diagnosis::residual_map::{Branch, DriveFeature, branches, drive_features, residual_by_feature};
+use hysteron::diagnosis::residual_map::{
+    Branch, DriveFeature, branches, drive_features, residual_by_feature,
+};
 use hysteron::spectrum::amplitude_density;
 
 const RECORD: &str = "record";
@@ -52,10 +54,13 @@ pub fn explain_page(report: &ExplainReport) -> Page {
         facts: facts(report),
         selectors: selectors(report),
         sections,
-        footer: [format!("hysteron {}", report.program_version), report.command.clone()]
-            .into_iter()
-            .filter(|line| !line.trim().is_empty())
-            .collect(),
+        footer: [
+            format!("hysteron {}", report.program_version),
+            report.command.clone(),
+        ]
+        .into_iter()
+        .filter(|line| !line.trim().is_empty())
+        .collect(),
     }
 }
 
@@ -84,7 +89,10 @@ impl KeptSamples {
 
     /// The kept samples of `values` of a record; a missing sample is a gap.
     fn pick(&self, record: usize, values: &[f64], scale: f64) -> Vec<f64> {
-        self.0[record].iter().map(|&i| values.get(i).map_or(f64::NAN, |v| v * scale)).collect()
+        self.0[record]
+            .iter()
+            .map(|&i| values.get(i).map_or(f64::NAN, |v| v * scale))
+            .collect()
     }
 }
 
@@ -109,7 +117,11 @@ fn selectors(report: &ExplainReport) -> Vec<Selector> {
         selectors.push(Selector {
             id: RECORD.to_owned(),
             label: "Record".to_owned(),
-            options: report.records.iter().map(|r| format!("{} ({})", r.name, role_words(&r.role))).collect(),
+            options: report
+                .records
+                .iter()
+                .map(|r| format!("{} ({})", r.name, role_words(&r.role)))
+                .collect(),
             selected: shown("validate").or(shown("identify")).unwrap_or(0),
             steps: false,
         });
@@ -148,7 +160,12 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
             None => "this data cannot give one".to_owned(),
         },
     ));
-    let added: Vec<String> = report.steps.iter().filter_map(|step| step.added.as_deref()).map(effect_words).collect();
+    let added: Vec<String> = report
+        .steps
+        .iter()
+        .filter_map(|step| step.added.as_deref())
+        .map(effect_words)
+        .collect();
     if !added.is_empty() {
         facts.push(("Added".to_owned(), added.join(", ")));
     }
@@ -156,10 +173,20 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
 }
 
 fn drive_range_v(report: &ExplainReport) -> (f64, f64) {
-    let drives = || report.records.iter().flat_map(|r| r.u_v.iter().copied()).filter(|u| u.is_finite());
+    let drives = || {
+        report
+            .records
+            .iter()
+            .flat_map(|r| r.u_v.iter().copied())
+            .filter(|u| u.is_finite())
+    };
     let low_v = drives().fold(f64::INFINITY, f64::min);
     let high_v = drives().fold(f64::NEG_INFINITY, f64::max);
-    if low_v < high_v { (low_v, high_v) } else { (0.0, 1.0) }
+    if low_v < high_v {
+        (low_v, high_v)
+    } else {
+        (0.0, 1.0)
+    }
 }
 
 /// Samples without which a cell of the map says nothing.
@@ -168,7 +195,11 @@ const CELL_SAMPLES_MIN: usize = 16;
 fn where_it_fails(report: &ExplainReport) -> Section {
     let range_v = drive_range_v(report);
     let features = drive_features(range_v.0, range_v.1);
-    let floor_um = report.noise_floor.as_ref().map(|f| f.rms_um).filter(|f| *f > 0.0);
+    let floor_um = report
+        .noise_floor
+        .as_ref()
+        .map(|f| f.rms_um)
+        .filter(|f| *f > 0.0);
     let scale = floor_um.map_or(1e3, |f| 1.0 / f);
     let mut layers: Vec<HeatMapLayer> = (0..report.steps.len().max(1))
         .map(|step| HeatMapLayer {
@@ -176,10 +207,19 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 .records
                 .iter()
                 .map(|record| match record.residual_um.get(step) {
-                    Some(residual_um) => residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, 0..record.t_s.len(), range_v)
-                        .into_iter()
-                        .map(|cell| cell.filter(|c| c.samples >= CELL_SAMPLES_MIN).map(|c| c.rms * scale))
-                        .collect(),
+                    Some(residual_um) => residual_by_feature(
+                        &record.u_v,
+                        residual_um,
+                        record.sample_rate_hz,
+                        0..record.t_s.len(),
+                        range_v,
+                    )
+                    .into_iter()
+                    .map(|cell| {
+                        cell.filter(|c| c.samples >= CELL_SAMPLES_MIN)
+                            .map(|c| c.rms * scale)
+                    })
+                    .collect(),
                     None => vec![None; features.len()],
                 })
                 .collect(),
@@ -212,7 +252,11 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             "RMS of measured minus modelled in each record, by what the drive was doing at that moment{}. A column that glows in every record is a \
              property of the actuator; a single cell points at one circumstance. Step through the models above to see which cells each effect empties; click \
              a record to look into it.",
-            if floor_um.is_some() { ", as a multiple of the noise floor: 1 is noise alone" } else { ", in nm" }
+            if floor_um.is_some() {
+                ", as a multiple of the noise floor: 1 is noise alone"
+            } else {
+                ", in nm"
+            }
         ),
         blocks: vec![
             hottest,
@@ -221,7 +265,11 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 caption: format!(
                     "The frequency columns split the residual's own spectrum{}. Empty cells have fewer than {CELL_SAMPLES_MIN} samples, and those of few scatter by \
                      chance: what stands out by more than that is named above.",
-                    if floor_um.is_some() { ", so white noise spreads over them and stays below 1 there" } else { "" }
+                    if floor_um.is_some() {
+                        ", so white noise spreads over them and stays below 1 there"
+                    } else {
+                        ""
+                    }
                 ),
                 rows: report.records.iter().map(|r| r.name.clone()).collect(),
                 column_groups,
@@ -236,21 +284,39 @@ fn where_it_fails(report: &ExplainReport) -> Section {
 
 /// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise
 /// only.
-fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f64, f64), floor_um: Option<f64>) -> PageBlock {
+fn hottest_cells(
+    report: &ExplainReport,
+    features: &[DriveFeature],
+    range_v: (f64, f64),
+    floor_um: Option<f64>,
+) -> PageBlock {
     let mut cells: Vec<(f64, String)> = Vec::new();
     for record in &report.records {
-        let Some(residual_um) = record.residual_um.last() else { continue };
-        let row = residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, 0..record.t_s.len(), range_v);
+        let Some(residual_um) = record.residual_um.last() else {
+            continue;
+        };
+        let row = residual_by_feature(
+            &record.u_v,
+            residual_um,
+            record.sample_rate_hz,
+            0..record.t_s.len(),
+            range_v,
+        );
         let largest = features
             .iter()
             .zip(row)
             .filter(|(feature, _)| !feature.group.starts_with("frequency"))
             .filter_map(|(feature, cell)| cell.map(|c| (feature, c)))
-            .filter(|(_, cell)| floor_um.is_none_or(|floor_um| stands_out(cell.rms / floor_um, cell.samples)))
+            .filter(|(_, cell)| {
+                floor_um.is_none_or(|floor_um| stands_out(cell.rms / floor_um, cell.samples))
+            })
             .max_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
         // One cell for each record: neighbours add nothing.
         if let Some((feature, cell)) = largest {
-            cells.push((cell.rms, format!("{}, {} ({})", record.name, feature.label, feature.group)));
+            cells.push((
+                cell.rms,
+                format!("{}, {} ({})", record.name, feature.label, feature.group),
+            ));
         }
     }
     cells.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -258,15 +324,27 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f6
         .iter()
         .take(3)
         .map(|(rms_um, place)| match floor_um {
-            Some(floor_um) => format!("{place}: {} RMS, {:.2} x the noise", nanometres(*rms_um), rms_um / floor_um),
+            Some(floor_um) => format!(
+                "{place}: {} RMS, {:.2} x the noise",
+                nanometres(*rms_um),
+                rms_um / floor_um
+            ),
             None => format!("{place}: {} RMS", nanometres(*rms_um)),
         })
         .collect();
     if cells.is_empty() {
         let title = "With the last model nothing stands out of the noise, under any circumstance of the drive.".to_owned();
-        return PageBlock::Notes(Notes { title, items, tone: Tone::Good });
+        return PageBlock::Notes(Notes {
+            title,
+            items,
+            tone: Tone::Good,
+        });
     }
-    PageBlock::Notes(Notes { title: "With the last model most remains in:".to_owned(), items, tone: Tone::Neutral })
+    PageBlock::Notes(Notes {
+        title: "With the last model most remains in:".to_owned(),
+        items,
+        tone: Tone::Neutral,
+    })
 }
 
 /// Whether a cell is so many times the noise by more than chance and by enough to matter: the RMS of n
@@ -283,7 +361,11 @@ fn evidence(report: &ExplainReport) -> Option<Section> {
     if blocks.is_empty() {
         return None;
     }
-    let names: Vec<_> = report.evidence.iter().map(|e| effect_words(&e.effect)).collect();
+    let names: Vec<_> = report
+        .evidence
+        .iter()
+        .map(|e| effect_words(&e.effect))
+        .collect();
     Some(Section {
         heading: format!("The evidence: {}", names.join(", ")),
         text: "Dots: what the residual does, averaged over the samples that share an abscissa. Line: what the effect's signature predicts. From both, everything that the \
@@ -329,7 +411,9 @@ fn falling_error(report: &ExplainReport) -> Section {
     }
     blocks.push(PageBlock::Table(Table {
         title: "Step by step".to_owned(),
-        columns: ["", "Added", "Fitted, nm RMS", "Held out, nm RMS", "Why"].map(str::to_owned).to_vec(),
+        columns: ["", "Added", "Fitted, nm RMS", "Held out, nm RMS", "Why"]
+            .map(str::to_owned)
+            .to_vec(),
         rows: report
             .steps
             .iter()
@@ -339,7 +423,9 @@ fn falling_error(report: &ExplainReport) -> Section {
                     (number + 1).to_string(),
                     added_words(step, &names[number]),
                     figure(1e3 * step.identify_rms_um),
-                    step.validate_rms_um.map(|v| figure(1e3 * v)).unwrap_or_default(),
+                    step.validate_rms_um
+                        .map(|v| figure(1e3 * v))
+                        .unwrap_or_default(),
                     step.why.clone(),
                 ]
             })
@@ -348,10 +434,23 @@ fn falling_error(report: &ExplainReport) -> Section {
     }));
     blocks.push(PageBlock::Table(Table {
         title: "Last model, record by record".to_owned(),
-        caption: report.replays.iter().map(|line| capital(line)).collect::<Vec<_>>().join(" "),
-        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m", "Replay of the file, nm"]
-            .map(str::to_owned)
-            .to_vec(),
+        caption: report
+            .replays
+            .iter()
+            .map(|line| capital(line))
+            .collect::<Vec<_>>()
+            .join(" "),
+        columns: [
+            "Record",
+            "Role",
+            "RMS, nm",
+            "Max, nm",
+            "RMS, % of range",
+            "Range, \u{b5}m",
+            "Replay of the file, nm",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
         rows: report
             .records
             .iter()
@@ -361,9 +460,17 @@ fn falling_error(report: &ExplainReport) -> Section {
                     role_words(&r.role).to_owned(),
                     figure(1e3 * r.rms_um),
                     figure(1e3 * r.max_um),
-                    if r.role != "noise" && r.range_um > 0.0 { figure(100.0 * r.rms_um / r.range_um) } else { String::new() },
+                    if r.role != "noise" && r.range_um > 0.0 {
+                        figure(100.0 * r.rms_um / r.range_um)
+                    } else {
+                        String::new()
+                    },
                     figure(r.range_um),
-                    if r.replay_rms_um > 0.0 { figure(1e3 * r.replay_rms_um) } else { String::new() },
+                    if r.replay_rms_um > 0.0 {
+                        figure(1e3 * r.replay_rms_um)
+                    } else {
+                        String::new()
+                    },
                 ]
             })
             .collect(),
@@ -383,8 +490,14 @@ fn falling_error(report: &ExplainReport) -> Section {
 /// A sentence that begins with a capital letter and ends with a full stop.
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    let begun = letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str());
-    if begun.ends_with('.') { begun } else { begun + "." }
+    let begun = letters.next().map_or_else(String::new, |c| {
+        c.to_uppercase().collect::<String>() + letters.as_str()
+    });
+    if begun.ends_with('.') {
+        begun
+    } else {
+        begun + "."
+    }
 }
 
 fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
@@ -394,7 +507,12 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         .link("time")
         .width(Width::Full)
         .height_px(260);
-    let mut drive = Plot::new("Drive over time").x_axis("time", "s").y_axis("drive", "V").link("time").width(Width::Full).height_px(140);
+    let mut drive = Plot::new("Drive over time")
+        .x_axis("time", "s")
+        .y_axis("drive", "V")
+        .link("time")
+        .width(Width::Full)
+        .height_px(140);
     let mut residual = Plot::new("Residual over time")
         .x_axis("time", "s")
         .y_axis("measured - modelled", "nm")
@@ -402,7 +520,10 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         .percentiles()
         .width(Width::Full)
         .height_px(240);
-    let mut loops = Plot::new("Measured and modelled over the drive").x_axis("drive", "V").y_axis("displacement", "um").height_px(340);
+    let mut loops = Plot::new("Measured and modelled over the drive")
+        .x_axis("drive", "V")
+        .y_axis("displacement", "um")
+        .height_px(340);
     let mut residual_over_drive = Plot::new("Residual over the drive")
         .x_axis("drive", "V")
         .y_axis("measured - modelled", "nm")
@@ -420,22 +541,50 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         let t_s = kept.pick(r, &record.t_s, 1.0);
         let u_v = kept.pick(r, &record.u_v, 1.0);
         let y_um = kept.pick(r, &record.y_um, 1.0);
-        let measured = |x: &Vec<f64>| Series::line("measured", CurveRole::Measured, x.clone(), y_um.clone()).when(RECORD, r);
+        let measured = |x: &Vec<f64>| {
+            Series::line("measured", CurveRole::Measured, x.clone(), y_um.clone()).when(RECORD, r)
+        };
         over_time.series.push(measured(&t_s));
         loops.series.push(measured(&u_v));
-        drive.series.push(Series::line("drive", CurveRole::Drive, t_s.clone(), u_v.clone()).style(Style::Steps).when(RECORD, r));
+        drive.series.push(
+            Series::line("drive", CurveRole::Drive, t_s.clone(), u_v.clone())
+                .style(Style::Steps)
+                .when(RECORD, r),
+        );
         for (step, residual_um) in record.residual_um.iter().enumerate() {
             let chosen = |series: Series| series.when(RECORD, r).when(STEP, step);
-            let modelled_um: Vec<f64> = record.y_um.iter().zip(residual_um).map(|(y, e)| y - e).collect();
+            let modelled_um: Vec<f64> = record
+                .y_um
+                .iter()
+                .zip(residual_um)
+                .map(|(y, e)| y - e)
+                .collect();
             let modelled_um = kept.pick(r, &modelled_um, 1.0);
             let residual_nm = kept.pick(r, residual_um, 1e3);
-            let model = |x: &Vec<f64>| chosen(Series::line("modelled", CurveRole::Model, x.clone(), modelled_um.clone()));
+            let model = |x: &Vec<f64>| {
+                chosen(Series::line(
+                    "modelled",
+                    CurveRole::Model,
+                    x.clone(),
+                    modelled_um.clone(),
+                ))
+            };
             over_time.series.push(model(&t_s));
             loops.series.push(model(&u_v));
-            let error = |x: &Vec<f64>| chosen(Series::line("residual", CurveRole::Residual, x.clone(), residual_nm.clone()));
+            let error = |x: &Vec<f64>| {
+                chosen(Series::line(
+                    "residual",
+                    CurveRole::Residual,
+                    x.clone(),
+                    residual_nm.clone(),
+                ))
+            };
             residual.series.push(error(&t_s));
             residual_over_drive.series.push(error(&u_v));
-            let counted_um: Vec<f64> = residual_um.iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
+            let counted_um: Vec<f64> = residual_um
+                .iter()
+                .map(|e| if e.is_finite() { *e } else { 0.0 })
+                .collect();
             let density = amplitude_density(&counted_um, record.sample_rate_hz);
             spectrum.series.push(chosen(Series::line(
                 "residual",
@@ -456,10 +605,20 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         }
     }
     if let Some(floor) = &report.noise_floor {
-        residual.caption = "Between the dashed lines: plus and minus one standard deviation of the noise.".to_owned();
+        residual.caption =
+            "Between the dashed lines: plus and minus one standard deviation of the noise."
+                .to_owned();
         for plot in [&mut residual, &mut residual_over_drive] {
-            plot.levels.push(Level { label: "noise".to_owned(), value: 1e3 * floor.rms_um, when: Vec::new() });
-            plot.levels.push(Level { label: String::new(), value: -1e3 * floor.rms_um, when: Vec::new() });
+            plot.levels.push(Level {
+                label: "noise".to_owned(),
+                value: 1e3 * floor.rms_um,
+                when: Vec::new(),
+            });
+            plot.levels.push(Level {
+                label: String::new(),
+                value: -1e3 * floor.rms_um,
+                when: Vec::new(),
+            });
         }
     }
     Section {
@@ -479,7 +638,12 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
         return None;
     }
     let interval = |c: &CandidateReport| match c.explained_share_interval {
-        Some((low, high)) => format!("{} ({:.0} to {:.0})", percent(c.explained_share), 100.0 * low, 100.0 * high),
+        Some((low, high)) => format!(
+            "{} ({:.0} to {:.0})",
+            percent(c.explained_share),
+            100.0 * low,
+            100.0 * high
+        ),
         None => percent(c.explained_share),
     };
     let change = |c: &CandidateReport| match (c.validate_rms_before_um, c.validate_rms_after_um) {
@@ -546,7 +710,11 @@ const BINS: usize = 48;
 /// Mean of `values` over equal bins of `x`, with the bins' centres; bins with fewer than 4 samples are left
 /// out.
 fn mean_curve(x: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let finite = || x.iter().zip(values).filter(|(a, b)| a.is_finite() && b.is_finite());
+    let finite = || {
+        x.iter()
+            .zip(values)
+            .filter(|(a, b)| a.is_finite() && b.is_finite())
+    };
     let low = finite().map(|p| *p.0).fold(f64::INFINITY, f64::min);
     let high = finite().map(|p| *p.0).fold(f64::NEG_INFINITY, f64::max);
     if low >= high {
@@ -577,19 +745,29 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
         ("Against the displacement", "displacement", "um"),
         ("Against the history", "largest drive so far", "V"),
         ("Against time", "time", "s"),
-        ("Against the time since the last turn", "time since turn", "s"),
+        (
+            "Against the time since the last turn",
+            "time since turn",
+            "s",
+        ),
     ];
     let mut plots: Vec<Plot> = views
         .iter()
         .map(|(title, label, x_unit)| {
-            Plot::new(*title).x_axis(label, x_unit).y_axis(name, &unit).percentiles().width(Width::Third).height_px(230)
+            Plot::new(*title)
+                .x_axis(label, x_unit)
+                .y_axis(name, &unit)
+                .percentiles()
+                .width(Width::Third)
+                .height_px(230)
         })
         .collect();
     plots[5].x.log = true;
     let range_v = drive_range_v(report);
     for (r, record) in report.records.iter().enumerate() {
-        let rate_v_per_s: Vec<f64> =
-            (0..record.u_v.len()).map(|k| (record.u_v[k] - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz).collect();
+        let rate_v_per_s: Vec<f64> = (0..record.u_v.len())
+            .map(|k| (record.u_v[k] - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz)
+            .collect();
         let mut highest_v = f64::NEG_INFINITY;
         let highest_v: Vec<f64> = record
             .u_v
@@ -601,7 +779,14 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
             .collect();
         let branch = branches(&record.u_v, record.sample_rate_hz, range_v.1 - range_v.0);
         let age_s: Vec<f64> = branch.iter().map(|(_, age_s)| *age_s).collect();
-        let abscissae: [&[f64]; 6] = [&record.u_v, &rate_v_per_s, &record.y_um, &highest_v, &record.t_s, &age_s];
+        let abscissae: [&[f64]; 6] = [
+            &record.u_v,
+            &rate_v_per_s,
+            &record.y_um,
+            &highest_v,
+            &record.t_s,
+            &age_s,
+        ];
         let layers: Vec<(Option<usize>, &[f64], f64)> = if record.latent_force.is_empty() {
             let steps = record.residual_um.iter().enumerate();
             steps.map(|(s, e)| (Some(s), e.as_slice(), 1e3)).collect()
@@ -615,15 +800,37 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
             };
             let drawn = kept.pick(r, values, scale);
             for (plot, x) in plots.iter_mut().zip(abscissae) {
-                plot.series.push(chosen(Series::points(name, CurveRole::Residual, kept.pick(r, x, 1.0), drawn.clone())));
+                plot.series.push(chosen(Series::points(
+                    name,
+                    CurveRole::Residual,
+                    kept.pick(r, x, 1.0),
+                    drawn.clone(),
+                )));
             }
             for (plot, x) in plots.iter_mut().zip(abscissae).take(3) {
                 for (label, role, wanted) in [
-                    ("mean, rising", CurveRole::Other1, [Branch::Rising, Branch::FirstRise]),
-                    ("mean, falling", CurveRole::Other2, [Branch::Falling, Branch::Falling]),
+                    (
+                        "mean, rising",
+                        CurveRole::Other1,
+                        [Branch::Rising, Branch::FirstRise],
+                    ),
+                    (
+                        "mean, falling",
+                        CurveRole::Other2,
+                        [Branch::Falling, Branch::Falling],
+                    ),
                 ] {
-                    let masked: Vec<f64> =
-                        values.iter().zip(&branch).map(|(e, (b, _))| if wanted.contains(b) { e * scale } else { f64::NAN }).collect();
+                    let masked: Vec<f64> = values
+                        .iter()
+                        .zip(&branch)
+                        .map(|(e, (b, _))| {
+                            if wanted.contains(b) {
+                                e * scale
+                            } else {
+                                f64::NAN
+                            }
+                        })
+                        .collect();
                     let (x, mean) = mean_curve(x, &masked);
                     plot.series.push(chosen(Series::line(label, role, x, mean)));
                 }
@@ -631,7 +838,11 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
         }
     }
     Section {
-        heading: if latent { "The latent force".to_owned() } else { "What the residual follows".to_owned() },
+        heading: if latent {
+            "The latent force".to_owned()
+        } else {
+            "What the residual follows".to_owned()
+        },
         text: format!(
             "{} against everything it could depend on, without a name for it. A clean curve in one of these pictures is a law that waits for its effect; a cloud \
              everywhere is noise.",
@@ -693,10 +904,22 @@ fn next_experiment(report: &ExplainReport) -> Option<Section> {
                 .y_axis("drive", "V")
                 .width(Width::Full)
                 .height_px(200)
-                .with(Series::line("drive", CurveRole::Drive, experiment.t_s.clone(), experiment.u_v.clone()).style(Style::Steps)),
+                .with(
+                    Series::line(
+                        "drive",
+                        CurveRole::Drive,
+                        experiment.t_s.clone(),
+                        experiment.u_v.clone(),
+                    )
+                    .style(Style::Steps),
+                ),
         ));
     }
-    Some(Section { heading: "The next experiment".to_owned(), text, blocks })
+    Some(Section {
+        heading: "The next experiment".to_owned(),
+        text,
+        blocks,
+    })
 }
 
 fn noise_floor(report: &ExplainReport) -> Option<Section> {
@@ -713,7 +936,11 @@ fn noise_floor(report: &ExplainReport) -> Option<Section> {
         ),
         blocks: vec![PageBlock::Table(Table {
             columns: ["Estimate", "nm RMS"].map(str::to_owned).to_vec(),
-            rows: floor.estimates.iter().map(|(basis, rms_um)| vec![basis.clone(), figure(1e3 * rms_um)]).collect(),
+            rows: floor
+                .estimates
+                .iter()
+                .map(|(basis, rms_um)| vec![basis.clone(), figure(1e3 * rms_um)])
+                .collect(),
             ..Table::default()
         })],
     })
@@ -726,6 +953,10 @@ fn remarks(report: &ExplainReport) -> Option<Section> {
     Some(Section {
         heading: "Remarks".to_owned(),
         text: String::new(),
-        blocks: vec![PageBlock::Notes(Notes { title: String::new(), items: report.warnings.clone(), tone: Tone::Attention })],
+        blocks: vec![PageBlock::Notes(Notes {
+            title: String::new(),
+            items: report.warnings.clone(),
+            tone: Tone::Attention,
+        })],
     })
 }

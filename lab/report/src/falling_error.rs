@@ -22,21 +22,38 @@ const MOVING: f64 = 0.35;
 /// The picture; `None` without a record that was judged or without steps.
 #[must_use]
 pub fn falling_error_svg(report: &ExplainReport) -> Option<String> {
-    let finite = |residual: &Vec<f64>| residual.iter().copied().filter(|e| e.is_finite()).collect::<Vec<f64>>();
-    let largest = |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| rms(&finite(r)));
+    let finite = |residual: &Vec<f64>| {
+        residual
+            .iter()
+            .copied()
+            .filter(|e| e.is_finite())
+            .collect::<Vec<f64>>()
+    };
+    let largest =
+        |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| rms(&finite(r)));
     let of_role = |role: &'static str| report.records.iter().filter(move |r| r.role == role);
     let judged = of_role("validate").max_by(|a, b| largest(a).total_cmp(&largest(b)));
-    let record = judged.or_else(|| of_role("identify").max_by(|a, b| largest(a).total_cmp(&largest(b))))?;
+    let record =
+        judged.or_else(|| of_role("identify").max_by(|a, b| largest(a).total_cmp(&largest(b))))?;
     let steps = &report.steps;
     if steps.is_empty() || record.residual_um.len() < steps.len() {
         return None;
     }
-    let peak_nm = record.residual_um[0].iter().fold(0.0_f64, |m, e| m.max(1e3 * e.abs())).max(1e-6);
-    let traces: Vec<String> = record.residual_um[..steps.len()].iter().map(|residual| envelope(residual, peak_nm)).collect();
+    let peak_nm = record.residual_um[0]
+        .iter()
+        .fold(0.0_f64, |m, e| m.max(1e3 * e.abs()))
+        .max(1e-6);
+    let traces: Vec<String> = record.residual_um[..steps.len()]
+        .iter()
+        .map(|residual| envelope(residual, peak_nm))
+        .collect();
     let error_nm = |step: &StepReport| 1e3 * step.validate_rms_um.unwrap_or(step.identify_rms_um);
     let most_nm = steps.iter().map(error_nm).fold(1e-9, f64::max);
     let full = PLOT[2] - 150.0;
-    let widths: Vec<String> = steps.iter().map(|step| format!("{:.1}", full * error_nm(step) / most_nm)).collect();
+    let widths: Vec<String> = steps
+        .iter()
+        .map(|step| format!("{:.1}", full * error_nm(step) / most_nm))
+        .collect();
     let times = Times::of(steps.len());
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"system-ui, sans-serif\" font-size=\"14\">\
@@ -84,7 +101,10 @@ pub fn falling_error_svg(report: &ExplainReport) -> Option<String> {
     let mut title = String::from("start");
     for (i, step) in steps.iter().enumerate() {
         if i > 0 {
-            title = step.added.as_ref().map_or_else(|| "fitted again".into(), |added| format!("+ {}", effect_words(added)));
+            title = step.added.as_ref().map_or_else(
+                || "fitted again".into(),
+                |added| format!("+ {}", effect_words(added)),
+            );
         }
         let said = format!("{title}: {} nm", figure(error_nm(step)));
         // Where nothing moves, the last one is seen.
@@ -106,7 +126,8 @@ fn envelope(residual_um: &[f64], peak_nm: f64) -> String {
     let middle = PLOT[1] + PLOT[3] / 2.0;
     let y = |um: f64| middle - PLOT[3] / 2.0 * (1e3 * um / peak_nm).clamp(-1.0, 1.0);
     let column = |i: usize| {
-        &residual_um[i * residual_um.len() / columns..((i + 1) * residual_um.len() / columns).max(i * residual_um.len() / columns + 1)]
+        &residual_um[i * residual_um.len() / columns
+            ..((i + 1) * residual_um.len() / columns).max(i * residual_um.len() / columns + 1)]
     };
     let x = |i: usize| PLOT[0] + PLOT[2] * i as f64 / (columns - 1).max(1) as f64;
     // Where a column has nothing but gaps, it is drawn as nothing left.
@@ -114,7 +135,9 @@ fn envelope(residual_um: &[f64], peak_nm: f64) -> String {
     let least = |i: usize| or_nothing(column(i).iter().copied().fold(f64::INFINITY, f64::min));
     let most = |i: usize| or_nothing(column(i).iter().copied().fold(f64::NEG_INFINITY, f64::max));
     let upper = (0..columns).map(|i| format!("{:.1},{:.1}", x(i), y(most(i))));
-    let lower = (0..columns).rev().map(|i| format!("{:.1},{:.1}", x(i), y(least(i))));
+    let lower = (0..columns)
+        .rev()
+        .map(|i| format!("{:.1},{:.1}", x(i), y(least(i))));
     upper.chain(lower).collect::<Vec<_>>().join(" ")
 }
 
@@ -145,7 +168,10 @@ impl Times {
         let (mut all, mut times) = (vec![values[0].as_str()], vec![0.0]);
         for (i, value) in values.iter().enumerate().skip(1) {
             all.extend([values[i - 1].as_str(), value]);
-            times.extend([self.share(STEP_S * i as f64), self.share(STEP_S * (i as f64 + MOVING))]);
+            times.extend([
+                self.share(STEP_S * i as f64),
+                self.share(STEP_S * (i as f64 + MOVING)),
+            ]);
         }
         all.push(&values[values.len() - 1]);
         times.push(1.0);
@@ -163,7 +189,10 @@ impl Times {
         if self.steps < 2 {
             return String::new();
         }
-        let (from, to) = (self.share(STEP_S * step as f64), self.share(STEP_S * (step + 1) as f64));
+        let (from, to) = (
+            self.share(STEP_S * step as f64),
+            self.share(STEP_S * (step + 1) as f64),
+        );
         let (times, values) = match step {
             0 => (format!("0;{to:.4}"), "1;0"),
             _ if step + 1 == self.steps => (format!("0;{from:.4}"), "0;1"),
@@ -198,12 +227,18 @@ mod tests {
         let report = ExplainReport {
             records: vec![record],
             steps: vec![step(None, 0.08), step(Some("creep"), 0.0015)],
-            noise_floor: Some(NoiseFloorReport { rms_um: 0.0014, ..NoiseFloorReport::default() }),
+            noise_floor: Some(NoiseFloorReport {
+                rms_um: 0.0014,
+                ..NoiseFloorReport::default()
+            }),
             ..ExplainReport::default()
         };
         let svg = falling_error_svg(&report).unwrap();
         assert!(
-            svg.contains("start: 80.0 nm") && svg.contains("+ creep: 1.50 nm") && svg.contains("a&lt;b") && svg.contains("noise 1.40 nm")
+            svg.contains("start: 80.0 nm")
+                && svg.contains("+ creep: 1.50 nm")
+                && svg.contains("a&lt;b")
+                && svg.contains("noise 1.40 nm")
         );
         let widths: Vec<f64> = svg
             .split("attributeName=\"width\"")

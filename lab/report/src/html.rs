@@ -43,7 +43,12 @@ impl Page {
         let data = data.to_string().replace('<', "\\u003c");
         let mut facts = String::new();
         for (name, value) in &self.facts {
-            let _ = write!(facts, "<div><dt>{}</dt><dd>{}</dd></div>", escape(name), escape(value));
+            let _ = write!(
+                facts,
+                "<div><dt>{}</dt><dd>{}</dd></div>",
+                escape(name),
+                escape(value)
+            );
         }
         let mut footer = String::new();
         for line in &self.footer {
@@ -71,15 +76,26 @@ impl Page {
 fn texts_in(figure: Value, say: &dyn Fn(&str) -> String) -> Value {
     match figure {
         Value::String(text) => Value::String(say(&text)),
-        Value::Array(values) => Value::Array(values.into_iter().map(|value| texts_in(value, say)).collect()),
-        Value::Object(fields) => Value::Object(fields.into_iter().map(|(key, value)| (key, texts_in(value, say))).collect()),
+        Value::Array(values) => Value::Array(
+            values
+                .into_iter()
+                .map(|value| texts_in(value, say))
+                .collect(),
+        ),
+        Value::Object(fields) => Value::Object(
+            fields
+                .into_iter()
+                .map(|(key, value)| (key, texts_in(value, say)))
+                .collect(),
+        ),
         other => other,
     }
 }
 
 /// Replaces `{{name}}` in one pass, so that what is filled in is never searched again.
 fn fill(template: &str, values: &[(&str, &str)]) -> String {
-    let mut out = String::with_capacity(template.len() + values.iter().map(|v| v.1.len()).sum::<usize>());
+    let mut out =
+        String::with_capacity(template.len() + values.iter().map(|v| v.1.len()).sum::<usize>());
     let mut rest = template;
     while let Some((before, after)) = rest.split_once("{{") {
         out.push_str(before);
@@ -127,8 +143,18 @@ fn unit_text(unit: &str) -> String {
     }
 }
 
-fn write_section(body: &mut String, number: usize, section: &Section, figures: &mut Vec<Value>, columns: &mut Columns) {
-    let _ = write!(body, "<section id=\"section-{number}\"><h2>{}</h2>", escape(&section.heading));
+fn write_section(
+    body: &mut String,
+    number: usize,
+    section: &Section,
+    figures: &mut Vec<Value>,
+    columns: &mut Columns,
+) {
+    let _ = write!(
+        body,
+        "<section id=\"section-{number}\"><h2>{}</h2>",
+        escape(&section.heading)
+    );
     for paragraph in section.text.split("\n\n").filter(|p| !p.trim().is_empty()) {
         let _ = write!(body, "<p class=\"text\">{}</p>", escape(paragraph));
     }
@@ -143,15 +169,36 @@ fn write_section(body: &mut String, number: usize, section: &Section, figures: &
                     Width::Half => "half",
                     Width::Third => "third",
                 };
-                write_frame(body, figures.len(), "plot", width, &plot.title, &plot.caption);
+                write_frame(
+                    body,
+                    figures.len(),
+                    "plot",
+                    width,
+                    &plot.title,
+                    &plot.caption,
+                );
                 figures.push(plot_json(plot, columns));
             }
             PageBlock::Waterfall(waterfall) => {
-                write_frame(body, figures.len(), "waterfall", "full", &waterfall.title, &waterfall.caption);
+                write_frame(
+                    body,
+                    figures.len(),
+                    "waterfall",
+                    "full",
+                    &waterfall.title,
+                    &waterfall.caption,
+                );
                 figures.push(waterfall_json(waterfall));
             }
             PageBlock::HeatMap(map) => {
-                write_frame(body, figures.len(), "heatmap", "full", &map.title, &map.caption);
+                write_frame(
+                    body,
+                    figures.len(),
+                    "heatmap",
+                    "full",
+                    &map.title,
+                    &map.caption,
+                );
                 figures.push(heat_map_json(map));
             }
         }
@@ -159,9 +206,19 @@ fn write_section(body: &mut String, number: usize, section: &Section, figures: &
     body.push_str("</div></section>\n");
 }
 
-fn write_frame(body: &mut String, number: usize, kind: &str, width: &str, title: &str, caption: &str) {
-    let _ =
-        write!(body, "<figure class=\"{kind} {width}\" data-figure=\"{number}\"><h3>{}</h3><div class=\"drawing\"></div>", escape(title));
+fn write_frame(
+    body: &mut String,
+    number: usize,
+    kind: &str,
+    width: &str,
+    title: &str,
+    caption: &str,
+) {
+    let _ = write!(
+        body,
+        "<figure class=\"{kind} {width}\" data-figure=\"{number}\"><h3>{}</h3><div class=\"drawing\"></div>",
+        escape(title)
+    );
     if !caption.is_empty() {
         let _ = write!(body, "<figcaption>{}</figcaption>", escape(caption));
     }
@@ -169,7 +226,9 @@ fn write_frame(body: &mut String, number: usize, kind: &str, width: &str, title:
 }
 
 fn looks_like_a_number(cell: &str) -> bool {
-    cell.chars().next().is_some_and(|c| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | '<' | '\u{2212}'))
+    cell.chars()
+        .next()
+        .is_some_and(|c| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | '<' | '\u{2212}'))
         && cell.chars().any(|c| c.is_ascii_digit())
 }
 
@@ -185,10 +244,18 @@ fn write_table(body: &mut String, table: &Table) {
     body.push_str("</tr></thead><tbody>");
     for (number, row) in table.rows.iter().enumerate() {
         let highlighted = table.highlighted_rows.contains(&number);
-        body.push_str(if highlighted { "<tr class=\"highlighted\">" } else { "<tr>" });
+        body.push_str(if highlighted {
+            "<tr class=\"highlighted\">"
+        } else {
+            "<tr>"
+        });
         for index in 0..table.columns.len().max(row.len()) {
             let cell = row.get(index).map_or("", String::as_str);
-            let class = if looks_like_a_number(cell) { " class=\"number\"" } else { "" };
+            let class = if looks_like_a_number(cell) {
+                " class=\"number\""
+            } else {
+                ""
+            };
             let _ = write!(body, "<td{class}>{}</td>", escape(cell));
         }
         body.push_str("</tr>");
@@ -201,7 +268,11 @@ fn write_table(body: &mut String, table: &Table) {
 }
 
 fn write_notes(body: &mut String, notes: &Notes) {
-    let _ = write!(body, "<div class=\"notes full {}\">", tone_class(notes.tone));
+    let _ = write!(
+        body,
+        "<div class=\"notes full {}\">",
+        tone_class(notes.tone)
+    );
     if !notes.title.is_empty() {
         let _ = write!(body, "<h3>{}</h3>", escape(&notes.title));
     }
@@ -270,15 +341,27 @@ mod tests {
                 heading: name.into(),
                 text: name.into(),
                 blocks: vec![
-                    PageBlock::Plot(Plot::new(name).with(Series::line(name, CurveRole::Model, vec![0.0, 1.0], vec![f64::NAN, 2.0]))),
-                    PageBlock::Table(Table { columns: vec![name.into()], rows: vec![vec![name.into(), "1.5".into()]], ..Table::default() }),
+                    PageBlock::Plot(Plot::new(name).with(Series::line(
+                        name,
+                        CurveRole::Model,
+                        vec![0.0, 1.0],
+                        vec![f64::NAN, 2.0],
+                    ))),
+                    PageBlock::Table(Table {
+                        columns: vec![name.into()],
+                        rows: vec![vec![name.into(), "1.5".into()]],
+                        ..Table::default()
+                    }),
                 ],
             }],
             ..Page::default()
         };
         let html = page.to_html();
         assert!(!html.contains("<script>alert"));
-        assert_eq!(html.matches("</script>").count(), TEMPLATE.matches("</script>").count());
+        assert_eq!(
+            html.matches("</script>").count(),
+            TEMPLATE.matches("</script>").count()
+        );
         assert!(html.contains("<td class=\"number\">1.5</td>"));
     }
 
@@ -291,7 +374,10 @@ mod tests {
         }
         // Inside the page a clip path is named by its fragment.
         assert_eq!(html.matches("url(").count(), html.matches("url(#").count());
-        let addresses: Vec<_> = html.match_indices("http").map(|(i, _)| &html[i..i + 26]).collect();
+        let addresses: Vec<_> = html
+            .match_indices("http")
+            .map(|(i, _)| &html[i..i + 26])
+            .collect();
         assert!(addresses.iter().all(|a| a.starts_with("http-equiv") || a.starts_with("http://www.w3.org/2000/svg")), "{addresses:?}");
     }
 }

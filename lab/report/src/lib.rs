@@ -78,14 +78,14 @@ pub use decimate::extreme_indices;
 pub use effects_page::effects_page;
 pub use explain_page::explain_page;
 pub use explain_report::{
-    CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
-    StepReport,
+    CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport,
+    NoiseFloorReport, ParameterReport, RecordReport, StepReport,
 };
 pub use falling_error::falling_error_svg;
 pub use of_findings::{comparison_report, explain_report};
 pub use page::{
-    Axis, Band, CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section, Selector, Series, Style, Table, Tone,
-    Waterfall, WaterfallStep, When, Width,
+    Axis, Band, CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section,
+    Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep, When, Width,
 };
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};
 pub use track_page::{TrackPage, step_section};

@@ -173,12 +173,21 @@ pub struct Series {
 impl Series {
     /// A line through the points (x, y).
     pub fn line(label: impl Into<String>, role: CurveRole, x: Vec<f64>, y: Vec<f64>) -> Self {
-        Self { label: label.into(), x, y, role, ..Self::default() }
+        Self {
+            label: label.into(),
+            x,
+            y,
+            role,
+            ..Self::default()
+        }
     }
 
     /// Separate dots at (x, y).
     pub fn points(label: impl Into<String>, role: CurveRole, x: Vec<f64>, y: Vec<f64>) -> Self {
-        Self { style: Style::Points, ..Self::line(label, role, x, y) }
+        Self {
+            style: Style::Points,
+            ..Self::line(label, role, x, y)
+        }
     }
 
     /// The same in another style.
@@ -252,18 +261,29 @@ pub struct Plot {
 impl Plot {
     /// An empty plot with a title.
     pub fn new(title: impl Into<String>) -> Self {
-        Self { title: title.into(), ..Self::default() }
+        Self {
+            title: title.into(),
+            ..Self::default()
+        }
     }
 
     /// Names the horizontal axis.
     pub fn x_axis(mut self, label: &str, unit: &str) -> Self {
-        self.x = Axis { label: label.to_owned(), unit: unit.to_owned(), log: self.x.log };
+        self.x = Axis {
+            label: label.to_owned(),
+            unit: unit.to_owned(),
+            log: self.x.log,
+        };
         self
     }
 
     /// Names the vertical axis.
     pub fn y_axis(mut self, label: &str, unit: &str) -> Self {
-        self.y = Axis { label: label.to_owned(), unit: unit.to_owned(), log: self.y.log };
+        self.y = Axis {
+            label: label.to_owned(),
+            unit: unit.to_owned(),
+            log: self.y.log,
+        };
         self
     }
 
@@ -282,7 +302,11 @@ impl Plot {
 
     /// Adds a named horizontal line.
     pub fn level(mut self, label: &str, value: f64) -> Self {
-        self.levels.push(Level { label: label.to_owned(), value, when: Vec::new() });
+        self.levels.push(Level {
+            label: label.to_owned(),
+            value,
+            when: Vec::new(),
+        });
         self
     }
 

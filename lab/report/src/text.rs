@@ -4,12 +4,20 @@ use std::fmt;
 
 /// A displacement in the unit that reads best.
 pub(super) fn nanometres(um: f64) -> String {
-    if um.abs() >= 1.0 { format!("{} \u{b5}m", figure(um)) } else { format!("{} nm", figure(1e3 * um)) }
+    if um.abs() >= 1.0 {
+        format!("{} \u{b5}m", figure(um))
+    } else {
+        format!("{} nm", figure(1e3 * um))
+    }
 }
 
 /// A share as percent.
 pub(super) fn percent(share: f64) -> String {
-    if share.is_finite() { format!("{:.0} %", 100.0 * share) } else { "unknown".to_owned() }
+    if share.is_finite() {
+        format!("{:.0} %", 100.0 * share)
+    } else {
+        "unknown".to_owned()
+    }
 }
 
 /// Three significant digits.

@@ -51,7 +51,10 @@ struct Stretch<'a> {
 
 impl Stretch<'_> {
     fn time_ms(&self) -> Vec<f64> {
-        self.ticks.clone().map(|k| 1e3 * self.run.period_s * (k as f64 - self.zero as f64)).collect()
+        self.ticks
+            .clone()
+            .map(|k| 1e3 * self.run.period_s * (k as f64 - self.zero as f64))
+            .collect()
     }
 
     fn of(&self, values: &[f64]) -> Vec<f64> {
@@ -59,7 +62,10 @@ impl Stretch<'_> {
     }
 
     fn off_nm(&self, values_um: &[f64]) -> Vec<f64> {
-        self.ticks.clone().map(|k| 1e3 * (values_um[k] - self.run.reference_um[k])).collect()
+        self.ticks
+            .clone()
+            .map(|k| 1e3 * (values_um[k] - self.run.reference_um[k]))
+            .collect()
     }
 
     fn plot(&self, title: &str, label: &str, unit: &str) -> Plot {
@@ -71,15 +77,40 @@ impl Stretch<'_> {
         let motion = self
             .plot(title, "displacement", "um")
             .link(link)
-            .with(Series::line("read", CurveRole::Measured, time.clone(), self.of(&run.reading_um)))
-            .with(Series::line("true", CurveRole::Model, time.clone(), self.of(&run.displacement_um)))
-            .with(Series::line("reference", CurveRole::Reference, time.clone(), self.of(&run.reference_um)));
+            .with(Series::line(
+                "read",
+                CurveRole::Measured,
+                time.clone(),
+                self.of(&run.reading_um),
+            ))
+            .with(Series::line(
+                "true",
+                CurveRole::Model,
+                time.clone(),
+                self.of(&run.displacement_um),
+            ))
+            .with(Series::line(
+                "reference",
+                CurveRole::Reference,
+                time.clone(),
+                self.of(&run.reference_um),
+            ));
         let error = self
             .plot("Error there", "off the reference", "nm")
             .link(link)
             .percentiles()
-            .with(Series::line("read", CurveRole::Measured, time.clone(), self.off_nm(&run.reading_um)))
-            .with(Series::line("true", CurveRole::Model, time, self.off_nm(&run.displacement_um)));
+            .with(Series::line(
+                "read",
+                CurveRole::Measured,
+                time.clone(),
+                self.off_nm(&run.reading_um),
+            ))
+            .with(Series::line(
+                "true",
+                CurveRole::Model,
+                time,
+                self.off_nm(&run.displacement_um),
+            ));
         [motion, error]
     }
 }
@@ -91,27 +122,68 @@ impl<'a> TrackPage<'a> {
         let found = self.found;
         let mut facts = vec![
             ("Scheme".to_owned(), found.scheme.clone()),
-            ("True error".to_owned(), format!("{} RMS, {} at most", nm(found.truth.rms_um), nm(found.truth.max_um))),
-            ("As read".to_owned(), format!("{} RMS, {} at most", nm(found.as_read.rms_um), nm(found.as_read.max_um))),
+            (
+                "True error".to_owned(),
+                format!(
+                    "{} RMS, {} at most",
+                    nm(found.truth.rms_um),
+                    nm(found.truth.max_um)
+                ),
+            ),
+            (
+                "As read".to_owned(),
+                format!(
+                    "{} RMS, {} at most",
+                    nm(found.as_read.rms_um),
+                    nm(found.as_read.max_um)
+                ),
+            ),
             ("Noise of the sensor".to_owned(), nm(found.noise_um)),
         ];
         if let Some(settling_s) = self.step.and_then(|s| s.step).and_then(|s| s.settling_s) {
-            facts.push(("Settling of a step".to_owned(), format!("{} ms to {:.0} %", figure(1e3 * settling_s), 100.0 * SETTLED)));
+            facts.push((
+                "Settling of a step".to_owned(),
+                format!(
+                    "{} ms to {:.0} %",
+                    figure(1e3 * settling_s),
+                    100.0 * SETTLED
+                ),
+            ));
         }
         let worst = self.band.and_then(PlantBand::worst);
-        let over = worst.map(|worst| format!("; up to {} on other plants ({})", nm(worst.truth.rms_um), worst.plant)).unwrap_or_default();
+        let over = worst
+            .map(|worst| {
+                format!(
+                    "; up to {} on other plants ({})",
+                    nm(worst.truth.rms_um),
+                    worst.plant
+                )
+            })
+            .unwrap_or_default();
         let trouble = found.trouble();
         Page {
             title,
-            lead_sentence: trouble
-                .clone()
-                .unwrap_or_else(|| format!("The true position is {} RMS off its reference{over}.", nm(found.truth.rms_um))),
-            tone: if trouble.is_some() { Tone::Attention } else { Tone::Neutral },
+            lead_sentence: trouble.clone().unwrap_or_else(|| {
+                format!(
+                    "The true position is {} RMS off its reference{over}.",
+                    nm(found.truth.rms_um)
+                )
+            }),
+            tone: if trouble.is_some() {
+                Tone::Attention
+            } else {
+                Tone::Neutral
+            },
             facts,
-            sections: [Some(self.at_work()), step_section(self.step), self.other_plants(), Some(self.drive())]
-                .into_iter()
-                .flatten()
-                .collect(),
+            sections: [
+                Some(self.at_work()),
+                step_section(self.step),
+                self.other_plants(),
+                Some(self.drive()),
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
             ..Page::default()
         }
     }
@@ -123,9 +195,16 @@ impl<'a> TrackPage<'a> {
         if run.step.is_some() {
             return around_step(run);
         }
-        let wanted = ticks(self.period_s.map_or(SHOWN_S, |period_s| PERIODS * period_s), self.found.period_s);
+        let wanted = ticks(
+            self.period_s.map_or(SHOWN_S, |period_s| PERIODS * period_s),
+            self.found.period_s,
+        );
         let from = end.saturating_sub(wanted).max(counted);
-        Stretch { run, ticks: from..end, zero: from }
+        Stretch {
+            run,
+            ticks: from..end,
+            zero: from,
+        }
     }
 
     fn at_work(&self) -> Section {
@@ -137,7 +216,11 @@ impl<'a> TrackPage<'a> {
         };
         let [motion, error] = stretch.motion(title, "work");
         let counted = run.counts_from.min(run.time_s.len())..run.time_s.len();
-        let whole = Stretch { run, ticks: counted, zero: 0 };
+        let whole = Stretch {
+            run,
+            ticks: counted,
+            zero: 0,
+        };
         let density = |values_um: &[f64], label: &str, role: CurveRole| {
             let density = amplitude_density(&whole.off_nm(values_um), 1.0 / run.period_s);
             Series::line(label, role, density.frequency_hz, density.density)
@@ -149,19 +232,32 @@ impl<'a> TrackPage<'a> {
             .caption("While the error counts. What stands out at multiples of the reference is hysteresis or creep that is let through; the rest is noise.")
             .with(density(&run.reading_um, "read", CurveRole::Measured))
             .with(density(&run.displacement_um, "true", CurveRole::Model));
-        let all = Stretch { run, ticks: 0..run.time_s.len(), zero: 0 };
+        let all = Stretch {
+            run,
+            ticks: 0..run.time_s.len(),
+            zero: 0,
+        };
         let rms = |values_um: &[f64], label: &str, role: CurveRole| {
             let off_nm = all.off_nm(values_um);
             let windows = off_nm.chunks(ticks(WINDOW_S, run.period_s)).enumerate();
-            let (x, y) =
-                windows.map(|(k, w)| ((k as f64 + 0.5) * WINDOW_S, (w.iter().map(|e| e * e).sum::<f64>() / w.len() as f64).sqrt())).unzip();
+            let (x, y) = windows
+                .map(|(k, w)| {
+                    (
+                        (k as f64 + 0.5) * WINDOW_S,
+                        (w.iter().map(|e| e * e).sum::<f64>() / w.len() as f64).sqrt(),
+                    )
+                })
+                .unzip();
             Series::line(label, role, x, y)
         };
         let course = Plot::new("Error over the run, RMS of every 10 ms")
             .x_axis("time", "s")
             .y_axis("error", "nm")
             .percentiles()
-            .caption(format!("The error counts from {:.2} s on.", run.counts_from as f64 * run.period_s))
+            .caption(format!(
+                "The error counts from {:.2} s on.",
+                run.counts_from as f64 * run.period_s
+            ))
             .with(rms(&run.reading_um, "read", CurveRole::Measured))
             .with(rms(&run.displacement_um, "true", CurveRole::Model));
         Section {
@@ -171,7 +267,10 @@ impl<'a> TrackPage<'a> {
                 run.plant,
                 nm(run.noise_um)
             ),
-            blocks: [motion, error, course, spectrum].into_iter().map(PageBlock::Plot).collect(),
+            blocks: [motion, error, course, spectrum]
+                .into_iter()
+                .map(PageBlock::Plot)
+                .collect(),
         }
     }
 
@@ -185,9 +284,17 @@ impl<'a> TrackPage<'a> {
         }
         columns.push("");
         let rows = band.members.iter().map(|m| {
-            let mut row = vec![m.plant.clone(), figure(1e3 * m.truth.rms_um), figure(1e3 * m.truth.max_um), figure(1e3 * m.as_read.rms_um)];
+            let mut row = vec![
+                m.plant.clone(),
+                figure(1e3 * m.truth.rms_um),
+                figure(1e3 * m.truth.max_um),
+                figure(1e3 * m.as_read.rms_um),
+            ];
             if settles {
-                row.push(m.settling_s.map_or_else(|| "-".to_owned(), |s| figure(1e3 * s)));
+                row.push(
+                    m.settling_s
+                        .map_or_else(|| "-".to_owned(), |s| figure(1e3 * s)),
+                );
             }
             row.push(m.trouble.clone().unwrap_or_default());
             row
@@ -196,7 +303,11 @@ impl<'a> TrackPage<'a> {
             heading: "On other plants".into(),
             text: format!(
                 "The same servo, reference and noise on plants that may stand in the place of the model{}.",
-                if band.with_covariance { "" } else { "; its file has no covariance of its values, so none are drawn" }
+                if band.with_covariance {
+                    ""
+                } else {
+                    "; its file has no covariance of its values, so none are drawn"
+                }
             ),
             blocks: vec![PageBlock::Table(Table {
                 columns: columns.into_iter().map(str::to_owned).collect(),
@@ -216,16 +327,36 @@ impl<'a> TrackPage<'a> {
     fn drive(&self) -> Section {
         let (run, stretch) = (self.found, self.stretch());
         let time = stretch.time_ms();
-        let rate_v_ms: Vec<f64> =
-            stretch.ticks.clone().map(|k| 1e-3 * (run.drive_v[k] - run.drive_v[k.saturating_sub(1)]) / run.period_s).collect();
+        let rate_v_ms: Vec<f64> = stretch
+            .ticks
+            .clone()
+            .map(|k| 1e-3 * (run.drive_v[k] - run.drive_v[k.saturating_sub(1)]) / run.period_s)
+            .collect();
         let line = |title: &str, label: &str, unit: &str, values: Vec<f64>| {
-            let width = if self.capacitance_uf.is_some() { Width::Third } else { Width::Half };
-            let series = Series::line(label, CurveRole::Drive, time.clone(), values).style(crate::page::Style::Steps);
-            PageBlock::Plot(stretch.plot(title, label, unit).link("work").percentiles().width(width).with(series))
+            let width = if self.capacitance_uf.is_some() {
+                Width::Third
+            } else {
+                Width::Half
+            };
+            let series = Series::line(label, CurveRole::Drive, time.clone(), values)
+                .style(crate::page::Style::Steps);
+            PageBlock::Plot(
+                stretch
+                    .plot(title, label, unit)
+                    .link("work")
+                    .percentiles()
+                    .width(width)
+                    .with(series),
+            )
         };
         let mut blocks = vec![
             line("Drive", "drive", "V", stretch.of(&run.drive_v)),
-            line("Rate of the drive, tick to tick", "rate", "V/ms", rate_v_ms.clone()),
+            line(
+                "Rate of the drive, tick to tick",
+                "rate",
+                "V/ms",
+                rate_v_ms.clone(),
+            ),
         ];
         let [low, high] = run.drive.range_v;
         let mut text = format!(
@@ -236,7 +367,12 @@ impl<'a> TrackPage<'a> {
         match self.capacitance_uf {
             // 1 uF at 1 V/ms takes 1 mA.
             Some(uf) => {
-                blocks.push(line("Current into the actuator", "current", "mA", rate_v_ms.iter().map(|r| uf * r).collect()));
+                blocks.push(line(
+                    "Current into the actuator",
+                    "current",
+                    "mA",
+                    rate_v_ms.iter().map(|r| uf * r).collect(),
+                ));
                 text.push_str(&format!(
                     " {uf} uF take {} mA at most and {} mA RMS, were the amplifier to follow every tick at once.",
                     figure(1e-3 * uf * run.drive.rate_max_v_s),
@@ -245,7 +381,11 @@ impl<'a> TrackPage<'a> {
             }
             None => text.push_str(" With --capacitance-uf the current that it takes."),
         }
-        Section { heading: "What it asks of the amplifier".into(), text, blocks }
+        Section {
+            heading: "What it asks of the amplifier".into(),
+            text,
+            blocks,
+        }
     }
 }
 
@@ -254,7 +394,12 @@ fn around_step(run: &TrackResult) -> Stretch<'_> {
     let at = run.counts_from;
     let settling_s = run.step.and_then(|s| s.settling_s).unwrap_or(0.0);
     let behind = ticks((SETTLINGS * settling_s).max(AROUND_STEP_S[1]), run.period_s);
-    Stretch { run, ticks: at.saturating_sub(ticks(AROUND_STEP_S[0], run.period_s))..(at + behind).min(run.time_s.len()), zero: at }
+    Stretch {
+        run,
+        ticks: at.saturating_sub(ticks(AROUND_STEP_S[0], run.period_s))
+            ..(at + behind).min(run.time_s.len()),
+        zero: at,
+    }
 }
 
 /// A step with the band in which it is settled, and the time that it takes.
@@ -265,12 +410,28 @@ pub fn step_section(run: Option<&TrackResult>) -> Option<Section> {
     let [motion, error] = around_step(run).motion("Step", "step");
     let band_nm = 1e3 * SETTLED * step.by_um.abs();
     let percent = 100.0 * SETTLED;
-    let error = error.level(&format!("{percent:.0} %"), band_nm).level("", -band_nm);
+    let error = error
+        .level(&format!("{percent:.0} %"), band_nm)
+        .level("", -band_nm);
     let settled = match step.settling_s {
-        Some(s) => format!("stays within {percent:.0} % of it from {} ms on", figure(1e3 * s)),
-        None => format!("does not stay within {percent:.0} % of it, {} nm", figure(band_nm)),
+        Some(s) => format!(
+            "stays within {percent:.0} % of it from {} ms on",
+            figure(1e3 * s)
+        ),
+        None => format!(
+            "does not stay within {percent:.0} % of it, {} nm",
+            figure(band_nm)
+        ),
     };
-    let rises = step.rise_s.map(|s| format!(", rises from a tenth to nine tenths in {} ms", figure(1e3 * s))).unwrap_or_default();
+    let rises = step
+        .rise_s
+        .map(|s| {
+            format!(
+                ", rises from a tenth to nine tenths in {} ms",
+                figure(1e3 * s)
+            )
+        })
+        .unwrap_or_default();
     Some(Section {
         heading: "A step".into(),
         text: format!(

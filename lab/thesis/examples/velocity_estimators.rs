@@ -13,10 +13,18 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Estimators in the order of the table.
-const ESTIMATORS: [&str; 6] = ["pidsmo_thesis", "pidsmo", "alpha_beta", "high_gain", "super_twisting", "ekf"];
+const ESTIMATORS: [&str; 6] = [
+    "pidsmo_thesis",
+    "pidsmo",
+    "alpha_beta",
+    "high_gain",
+    "super_twisting",
+    "ekf",
+];
 
 fn figure<'a>(rows: &'a [ChapterRow], estimator: &str, what: &str) -> Option<&'a ChapterRow> {
-    rows.iter().find(|row| row.id == format!("ch7.estimator.{estimator}.{what}"))
+    rows.iter()
+        .find(|row| row.id == format!("ch7.estimator.{estimator}.{what}"))
 }
 
 fn main() -> ExitCode {
@@ -29,8 +37,12 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let mut table = String::from("bench,estimator,error_um_s,lag_deg_at_100_hz,noise_gain_1_s,chosen\n");
-    println!("{:<10} {:<15} {:>12} {:>12} {:>14}  chosen", "bench", "estimator", "error um/s", "lag deg", "noise gain 1/s");
+    let mut table =
+        String::from("bench,estimator,error_um_s,lag_deg_at_100_hz,noise_gain_1_s,chosen\n");
+    println!(
+        "{:<10} {:<15} {:>12} {:>12} {:>14}  chosen",
+        "bench", "estimator", "error um/s", "lag deg", "noise gain 1/s"
+    );
     for on in PlayedOn::BOTH {
         let bench = match on.bench() {
             Ok(bench) => bench,
@@ -41,17 +53,38 @@ fn main() -> ExitCode {
         };
         let rows = estimators::rows(&bench);
         for estimator in ESTIMATORS {
-            let [Some(error), Some(lag), Some(gain)] = ["velocity.rms", "lag", "noise_gain"].map(|what| figure(&rows, estimator, what))
+            let [Some(error), Some(lag), Some(gain)] =
+                ["velocity.rms", "lag", "noise_gain"].map(|what| figure(&rows, estimator, what))
             else {
                 continue;
             };
             let chosen = error.note.split(", ").next().unwrap_or_default();
-            println!("{:<10} {estimator:<15} {:>12.2} {:>12.2} {:>14.0}  {chosen}", on.name(), error.ours, lag.ours, gain.ours);
-            let _ = writeln!(table, "{},{estimator},{:.3},{:.3},{:.0},\"{chosen}\"", on.name(), error.ours, lag.ours, gain.ours);
+            println!(
+                "{:<10} {estimator:<15} {:>12.2} {:>12.2} {:>14.0}  {chosen}",
+                on.name(),
+                error.ours,
+                lag.ours,
+                gain.ours
+            );
+            let _ = writeln!(
+                table,
+                "{},{estimator},{:.3},{:.3},{:.0},\"{chosen}\"",
+                on.name(),
+                error.ours,
+                lag.ours,
+                gain.ours
+            );
         }
-        if let Some(refused) = figure(&rows, "unknown_input_observer", "refused").filter(|row| row.ours == 1.0) {
+        if let Some(refused) =
+            figure(&rows, "unknown_input_observer", "refused").filter(|row| row.ours == 1.0)
+        {
             println!("{:<10} {:<15} {}", on.name(), "unknown input", refused.note);
-            let _ = writeln!(table, "{},unknown_input_observer,,,,\"{}\"", on.name(), refused.note);
+            let _ = writeln!(
+                table,
+                "{},unknown_input_observer,,,,\"{}\"",
+                on.name(),
+                refused.note
+            );
         }
     }
     if let Some(file) = csv

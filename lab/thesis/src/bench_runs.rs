@@ -9,7 +9,9 @@
 use crate::chapter::{ChapterProgress, ChapterRow, ErrorPair, RunKey};
 use crate::commissioning::{CommissionedStage, on_bench};
 use hysteron::servo::design::{Scheme, ServoDesign};
-use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
+use hysteron::servo::model::{
+    ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S,
+};
 use hysteron::servo::order::scheme_without_recording;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
@@ -30,11 +32,25 @@ pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Chap
 }
 
 /// The error of a run from a sample on, true and as the sensor reads it.
-fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str, drive: String) -> ChapterRow {
+fn row_of_run(
+    id: impl Into<String>,
+    trace: &Trace,
+    from: usize,
+    condition: &str,
+    drive: String,
+) -> ChapterRow {
     let (truth, sensor) = (trace.true_error(from), trace.sensor_error(from));
-    let max = Some(ErrorPair { truth: truth.max_um, sensor: sensor.max_um });
+    let max = Some(ErrorPair {
+        truth: truth.max_um,
+        sensor: sensor.max_um,
+    });
     let row = row_um(id, sensor.rms_um, note_of(trace, from, condition));
-    ChapterRow { truth: Some(truth.rms_um), max, ..row }.on(drive, JUDGED_SEED)
+    ChapterRow {
+        truth: Some(truth.rms_um),
+        max,
+        ..row
+    }
+    .on(drive, JUDGED_SEED)
 }
 
 /// Seed of the noise of every run that is judged.
@@ -63,10 +79,16 @@ pub const SUBSTEPS: usize = 10;
 pub const FREQUENCIES_HZ: [f64; 6] = [1.0, 5.0, 10.0, 50.0, 100.0, 150.0];
 
 /// The loaded full bench.
-pub const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: true };
+pub const LOADED: Variant = Variant {
+    completeness: Completeness::Full,
+    loaded: true,
+};
 
 /// The loaded plain bench, on which the thesis' schemes run.
-pub const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
+pub const LOADED_PLAIN: Variant = Variant {
+    completeness: Completeness::Plain,
+    loaded: true,
+};
 
 /// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods
 /// or a second; and the sample from which the error counts: after half a second.
@@ -76,10 +98,22 @@ pub fn sine_reference_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64) ->
 }
 
 /// The same with another time before the error counts.
-fn sine_that_counts_after_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64, settle_s: f64) -> (Vec<f64>, usize) {
+fn sine_that_counts_after_um(
+    bench: &Bench,
+    frequency_hz: f64,
+    amplitude_um: f64,
+    settle_s: f64,
+) -> (Vec<f64>, usize) {
     let fs = bench.converters.sample_rate_hz;
     let duration_s = settle_s + (2.0 / frequency_hz).max(1.0);
-    let mut reference = waveform::sine(fs, frequency_hz, amplitude_um, bench.reference_offset_um, -FRAC_PI_2, duration_s);
+    let mut reference = waveform::sine(
+        fs,
+        frequency_hz,
+        amplitude_um,
+        bench.reference_offset_um,
+        -FRAC_PI_2,
+        duration_s,
+    );
     waveform::grow_from_zero(&mut reference, fs);
     (reference, waveform::samples_in(fs, settle_s))
 }
@@ -99,7 +133,13 @@ pub fn quasi_step_um(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
 ///
 /// # Errors
 /// If the design does not fit the tick's formats.
-pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: &[f64], seed: u64) -> Result<Trace, QuantisationError> {
+pub fn run(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    reference_um: &[f64],
+    seed: u64,
+) -> Result<Trace, QuantisationError> {
     run_repeating(bench, variant, design, reference_um, None, seed)
 }
 
@@ -115,7 +155,10 @@ fn run_repeating(
     let mut experiment = Experiment::new(bench, variant, seed);
     experiment.substeps = SUBSTEPS;
     let servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
-    Ok(experiment.follow_with(told_when_grown(servo, period_ticks, SAMPLING_PERIOD_S), reference_um))
+    Ok(experiment.follow_with(
+        told_when_grown(servo, period_ticks, SAMPLING_PERIOD_S),
+        reference_um,
+    ))
 }
 
 /// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data
@@ -148,7 +191,10 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
     let mut note = condition.to_owned();
     let limited_ticks = trace.limited_after(from);
     if limited_ticks + c.saturated_values > 0 {
-        note += &format!("; drive at a limit in {} ticks, {} saturated values", limited_ticks, c.saturated_values);
+        note += &format!(
+            "; drive at a limit in {} ticks, {} saturated values",
+            limited_ticks, c.saturated_values
+        );
     }
     note
 }
@@ -163,7 +209,14 @@ pub fn tracking(
     condition: &str,
 ) -> ChapterRow {
     let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
-    match run_repeating(bench, variant, design, &reference, period_ticks(hz, SAMPLING_PERIOD_S), JUDGED_SEED) {
+    match run_repeating(
+        bench,
+        variant,
+        design,
+        &reference,
+        period_ticks(hz, SAMPLING_PERIOD_S),
+        JUDGED_SEED,
+    ) {
         Ok(trace) => row_of_run(id, &trace, from, condition, sine_key(hz, amplitude_um)),
         Err(e) => row_um(id, f64::NAN, e.to_string()),
     }
@@ -175,27 +228,55 @@ pub fn steady_um(trace: &Trace) -> f64 {
     let n = trace.sensor_um.len();
     let from = n.saturating_sub(10_000);
     let count = (n - from).max(1) as f64;
-    trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).sum::<f64>() / count
+    trace
+        .sensor_um
+        .iter()
+        .zip(&trace.reference_um)
+        .skip(from)
+        .map(|(y, r)| y - r)
+        .sum::<f64>()
+        / count
 }
 
 /// Time after the end of the quasi-step from which the error stays within a band, s.
 #[must_use]
 pub fn settling_s(trace: &Trace, band_um: f64, sample_rate_hz: f64) -> f64 {
     let end = (0.15 * sample_rate_hz) as usize;
-    let last = trace.sensor_um.iter().zip(&trace.reference_um).rposition(|(y, r)| (y - r).abs() > band_um);
+    let last = trace
+        .sensor_um
+        .iter()
+        .zip(&trace.reference_um)
+        .rposition(|(y, r)| (y - r).abs() > band_um);
     last.map_or(0.0, |k| (k + 1).saturating_sub(end) as f64 / sample_rate_hz)
 }
 
 /// Gains in words.
 pub fn gains_of(scheme: &Scheme) -> String {
     match scheme {
-        Scheme::Pid { gains, .. } => format!("P = {} V/um, I = {} V/(um s), D = {:e} V s/um", gains.p, gains.i, gains.d),
-        Scheme::SlidingMode { controller: c, reaching, estimator, .. } => match reaching {
+        Scheme::Pid { gains, .. } => format!(
+            "P = {} V/um, I = {} V/(um s), D = {:e} V s/um",
+            gains.p, gains.i, gains.d
+        ),
+        Scheme::SlidingMode {
+            controller: c,
+            reaching,
+            estimator,
+            ..
+        } => match reaching {
             ReachingGains::Pid => {
-                format!("m = {:.0}, P_c = {:.2e}, I_c = {:.3}, D_c = {:e}; {}", c.m, c.p, c.i, c.d, estimator_in_words(estimator))
+                format!(
+                    "m = {:.0}, P_c = {:.2e}, I_c = {:.3}, D_c = {:e}; {}",
+                    c.m,
+                    c.p,
+                    c.i,
+                    c.d,
+                    estimator_in_words(estimator)
+                )
             }
             ReachingGains::Switching { eta_v } => format!("m = {}, eta = {eta_v} V", c.m),
-            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => format!("m = {}, eta = {eta_v} V, delta = {delta_um_s:.0} um/s", c.m),
+            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
+                format!("m = {}, eta = {eta_v} V, delta = {delta_um_s:.0} um/s", c.m)
+            }
         },
         _ => String::new(),
     }
@@ -204,26 +285,59 @@ pub fn gains_of(scheme: &Scheme) -> String {
 fn estimator_in_words(estimator: &Estimator) -> String {
     match estimator {
         Estimator::Pidsmo(o) => format!("P_o = {:.2}, I_o = {:.0}, D_o = {:.1e}", o.p, o.i, o.d),
-        Estimator::AlphaBeta(f) => format!("xi_f = {:.2}, w_fn = {:.0} rad/s", f.damping_ratio, f.natural_frequency_rad_s),
+        Estimator::AlphaBeta(f) => format!(
+            "xi_f = {:.2}, w_fn = {:.0} rad/s",
+            f.damping_ratio, f.natural_frequency_rad_s
+        ),
     }
 }
 
-pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, condition: &str) -> Vec<ChapterRow> {
+pub fn quasi_step_rows(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    id: &str,
+    condition: &str,
+) -> Vec<ChapterRow> {
     let fs = bench.converters.sample_rate_hz;
     let reference = quasi_step_um(fs, 8.0);
     match run(bench, variant, design, &reference, JUDGED_SEED) {
         Ok(trace) => {
             let tail = trace.sensor_um.len().saturating_sub(10_000);
             // Chattering: what the drive jumps from tick to tick while nothing moves.
-            let jumps: Vec<f64> = trace.drive_v[tail..].windows(2).map(|w| w[1] - w[0]).collect();
-            let chatter_v = (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
+            let jumps: Vec<f64> = trace.drive_v[tail..]
+                .windows(2)
+                .map(|w| w[1] - w[0])
+                .collect();
+            let chatter_v =
+                (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
             let settle = settling_s(&trace, 0.01, fs);
             vec![
-                row_of_run(format!("{id}.step.rms"), &trace, 0, &format!("quasi-step, 8 s, {condition}"), "quasi-step".into()),
-                row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}"))
-                    .on("quasi-step", JUDGED_SEED),
-                ChapterRow::new(format!("{id}.step.chatter"), chatter_v, "V", "RMS change of the drive from tick to tick at rest"),
-                ChapterRow::new(format!("{id}.step.settling"), 1e3 * settle, "ms", "to 10 nm after the end of the step; 7850 if never"),
+                row_of_run(
+                    format!("{id}.step.rms"),
+                    &trace,
+                    0,
+                    &format!("quasi-step, 8 s, {condition}"),
+                    "quasi-step".into(),
+                ),
+                row_um(
+                    format!("{id}.steady"),
+                    steady_um(&trace).abs(),
+                    format!("mean error of the last 0.5 s, {condition}"),
+                )
+                .on("quasi-step", JUDGED_SEED),
+                ChapterRow::new(
+                    format!("{id}.step.chatter"),
+                    chatter_v,
+                    "V",
+                    "RMS change of the drive from tick to tick at rest",
+                ),
+                ChapterRow::new(
+                    format!("{id}.step.settling"),
+                    1e3 * settle,
+                    "ms",
+                    "to 10 nm after the end of the step; 7850 if never",
+                ),
             ]
         }
         Err(e) => vec![row_um(format!("{id}.step.rms"), f64::NAN, e.to_string())],
@@ -244,7 +358,11 @@ pub struct Commissioned {
 #[must_use]
 pub fn designed(c: &Commissioned, choice: SchemeChoice, inverse: bool) -> Option<ServoDesign> {
     let scheme = scheme_without_recording(&c.design, choice, inverse).ok()?;
-    let mut design = ServoDesign { scheme, trade_off: Vec::new(), ..c.design.clone() };
+    let mut design = ServoDesign {
+        scheme,
+        trade_off: Vec::new(),
+        ..c.design.clone()
+    };
     design.sensor_lag_s = c.identified.model.linear.sensor_bandwidth_hz.map(lag_s);
     Some(design)
 }
@@ -261,5 +379,8 @@ pub fn commission(bench: &Bench, variant: Variant) -> Option<Commissioned> {
 #[must_use]
 pub fn commission_all(bench: &Bench, progress: ChapterProgress) -> Vec<Option<Commissioned>> {
     progress("identifying three variants of the bench");
-    [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect()
+    [Variant::PLAIN, Variant::FULL, LOADED]
+        .into_par_iter()
+        .map(|v| commission(bench, v))
+        .collect()
 }

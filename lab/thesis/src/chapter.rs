@@ -14,7 +14,10 @@ pub struct RunKey {
 impl RunKey {
     /// A run.
     pub fn new(drive: impl Into<String>, seed: u64) -> Self {
-        Self { drive: drive.into(), seed }
+        Self {
+            drive: drive.into(),
+            seed,
+        }
     }
 }
 
@@ -50,13 +53,24 @@ pub struct ChapterRow {
 impl ChapterRow {
     /// A figure.
     pub fn new(id: impl Into<String>, ours: f64, unit: &str, note: impl Into<String>) -> Self {
-        Self { id: id.into(), truth: None, ours, max: None, unit: unit.into(), note: note.into(), run: None }
+        Self {
+            id: id.into(),
+            truth: None,
+            ours,
+            max: None,
+            unit: unit.into(),
+            note: note.into(),
+            run: None,
+        }
     }
 
     /// The same with the run that it is judged on.
     #[must_use]
     pub fn on(self, drive: impl Into<String>, seed: u64) -> Self {
-        Self { run: Some(RunKey::new(drive, seed)), ..self }
+        Self {
+            run: Some(RunKey::new(drive, seed)),
+            ..self
+        }
     }
 }
 

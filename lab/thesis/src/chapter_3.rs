@@ -13,7 +13,9 @@ use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
 use hysteron_sim::noise::WhiteNoise;
-use hysteron_sim::stick_slip::{Integrator, PLATFORM_STIFFNESS_N_UM, SUBSTEPS, StickSlipActuator, average_speed_um_s};
+use hysteron_sim::stick_slip::{
+    Integrator, PLATFORM_STIFFNESS_N_UM, SUBSTEPS, StickSlipActuator, average_speed_um_s,
+};
 use hysteron_sim::waveform;
 use nalgebra::DMatrix;
 
@@ -47,8 +49,13 @@ fn identify_hysteresis(rig: &StickSlipActuator) -> Result<(Surfaces, Estimate), 
         drive.extend(std::iter::repeat_n(pair[1], rest));
     }
     let reading = noisy(&without_end_effector(rig).platform(&drive), 301);
-    let at_level: Vec<f64> =
-        std::iter::once(0.0).chain(reading.chunks_exact(ramp + rest).map(|chunk| mean(&chunk[ramp + rest - mean_over..]))).collect();
+    let at_level: Vec<f64> = std::iter::once(0.0)
+        .chain(
+            reading
+                .chunks_exact(ramp + rest)
+                .map(|chunk| mean(&chunk[ramp + rest - mean_over..])),
+        )
+        .collect();
     let (mut points, mut data) = (Vec::new(), Vec::new());
     let mut peak = 0usize;
     for k in 1..=20usize {
@@ -68,12 +75,15 @@ fn identify_hysteresis(rig: &StickSlipActuator) -> Result<(Surfaces, Estimate), 
             (x - z) * x.powi(i) * z.powi(j)
         });
         if let Some(fit) = least_squares::linear(rows, &data, None)
-            && best.as_ref().is_none_or(|(_, b)| fit.information_criterion() < b.information_criterion())
+            && best
+                .as_ref()
+                .is_none_or(|(_, b)| fit.information_criterion() < b.information_criterion())
         {
             best = Some((degree, fit));
         }
     }
-    let (degree, fit) = best.ok_or("the hysteresis surface of the stick-slip actuator could not be fitted")?;
+    let (degree, fit) =
+        best.ok_or("the hysteresis surface of the stick-slip actuator could not be fitted")?;
     let mut g = vec![vec![0.0; degree + 1]; degree + 1];
     for ((i, j), value) in terms(degree).into_iter().zip(&fit.values) {
         g[i as usize + 1][j as usize] += value;
@@ -83,7 +93,9 @@ fn identify_hysteresis(rig: &StickSlipActuator) -> Result<(Surfaces, Estimate), 
 }
 
 fn terms(degree: usize) -> Vec<(i32, i32)> {
-    (0..degree as i32).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect()
+    (0..degree as i32)
+        .flat_map(|total| (0..=total).map(move |j| (total - j, j)))
+        .collect()
 }
 
 /// The platform of a rig without its end-effector: exact for a held drive.
@@ -96,14 +108,24 @@ fn without_end_effector(rig: &StickSlipActuator) -> Platform<'_> {
 impl Platform<'_> {
     fn platform(&self, drive_v: &[f64]) -> Vec<f64> {
         let force_um = self.0.force_equivalent_um(drive_v);
-        second_order_response(self.0.natural_frequency_rad_s, self.0.damping_ratio, &force_um)
+        second_order_response(
+            self.0.natural_frequency_rad_s,
+            self.0.damping_ratio,
+            &force_um,
+        )
     }
 }
 
 /// Response of Eq. (17) at the samples to an input held from each sample to the next.
-fn second_order_response(natural_frequency_rad_s: f64, damping_ratio: f64, input: &[f64]) -> Vec<f64> {
+fn second_order_response(
+    natural_frequency_rad_s: f64,
+    damping_ratio: f64,
+    input: &[f64],
+) -> Vec<f64> {
     let w = natural_frequency_rad_s;
-    let Some(system) = ContinuousSystem::from_transfer_function(&[w * w], &[1.0, 2.0 * damping_ratio * w, w * w]) else {
+    let Some(system) =
+        ContinuousSystem::from_transfer_function(&[w * w], &[1.0, 2.0 * damping_ratio * w, w * w])
+    else {
         return input.to_vec();
     };
     let mut discrete = system.discretise(1.0 / SAMPLE_RATE_HZ);
@@ -124,17 +146,30 @@ fn identify_platform(rig: &StickSlipActuator) -> Result<Estimate, String> {
     let readings: Vec<Vec<f64>> = [50.0, 100.0]
         .iter()
         .enumerate()
-        .map(|(k, height)| noisy(&without_end_effector(rig).platform(&waveform::hold(SAMPLE_RATE_HZ, *height, 0.03)), 310 + k as u64))
+        .map(|(k, height)| {
+            noisy(
+                &without_end_effector(rig).platform(&waveform::hold(SAMPLE_RATE_HZ, *height, 0.03)),
+                310 + k as u64,
+            )
+        })
         .collect();
     let residuals = |p: &[f64]| -> Vec<f64> {
         let mut out = Vec::new();
         for (reading, height) in readings.iter().zip(&p[2..]) {
-            out.extend(difference(&second_order_response(p[0], p[1], &vec![*height; reading.len()]), reading));
+            out.extend(difference(
+                &second_order_response(p[0], p[1], &vec![*height; reading.len()]),
+                reading,
+            ));
         }
         out
     };
-    least_squares::nonlinear(&residuals, &[1000.0, 0.5, 5.0, 10.0], &[1000.0, 0.5, 5.0, 10.0], None)
-        .ok_or_else(|| "the step responses of the platform could not be fitted".into())
+    least_squares::nonlinear(
+        &residuals,
+        &[1000.0, 0.5, 5.0, 10.0],
+        &[1000.0, 0.5, 5.0, 10.0],
+        None,
+    )
+    .ok_or_else(|| "the step responses of the platform could not be fitted".into())
 }
 
 fn saw_tooth(frequency_hz: f64, height_v: f64, cycles: usize) -> Vec<f64> {
@@ -156,7 +191,11 @@ fn friction_from(p: &[f64]) -> ElastoplasticFriction {
 
 /// Third experiment: the end-effector under a 50 V, 60 Hz saw-tooth; the four constants of the contact by
 /// nonlinear least squares.
-fn identify_friction(model: &StickSlipActuator, drive_v: &[f64], reading_um: &[f64]) -> Result<Estimate, String> {
+fn identify_friction(
+    model: &StickSlipActuator,
+    drive_v: &[f64],
+    reading_um: &[f64],
+) -> Result<Estimate, String> {
     let force_um = model.force_equivalent_um(drive_v);
     let residuals = |p: &[f64]| -> Vec<f64> {
         let mut trial = model.clone();
@@ -178,14 +217,24 @@ fn identify_friction(model: &StickSlipActuator, drive_v: &[f64], reading_um: &[f
     starts
         .iter()
         .take(3)
-        .filter_map(|(_, start)| least_squares::nonlinear(&residuals, start, &TYPICAL_FRICTION, None))
+        .filter_map(|(_, start)| {
+            least_squares::nonlinear(&residuals, start, &TYPICAL_FRICTION, None)
+        })
         .min_by(|a, b| a.residual_sum.total_cmp(&b.residual_sum))
         .ok_or_else(|| "the friction could not be identified".into())
 }
 
 /// Average speed over `cycles` saw-teeth, um/s.
-fn speed(actuator: &StickSlipActuator, frequency_hz: f64, height_v: f64, cycles: usize, noise_seed: Option<u64>) -> f64 {
-    let motion = actuator.simulate(&saw_tooth(frequency_hz, height_v, cycles), SAMPLE_RATE_HZ).end_effector_um;
+fn speed(
+    actuator: &StickSlipActuator,
+    frequency_hz: f64,
+    height_v: f64,
+    cycles: usize,
+    noise_seed: Option<u64>,
+) -> f64 {
+    let motion = actuator
+        .simulate(&saw_tooth(frequency_hz, height_v, cycles), SAMPLE_RATE_HZ)
+        .end_effector_um;
     let reading = noise_seed.map_or(motion.clone(), |seed| noisy(&motion, seed));
     average_speed_um_s(&reading, SAMPLE_RATE_HZ, frequency_hz)
 }
@@ -211,9 +260,15 @@ fn spline(x: &[f64], y: &[f64], at: f64) -> f64 {
         }
     });
     let right = nalgebra::DVector::from_fn(n, |i, _| {
-        if i == 0 || i == n - 1 { 0.0 } else { 6.0 * ((y[i + 1] - y[i]) / h[i] - (y[i] - y[i - 1]) / h[i - 1]) }
+        if i == 0 || i == n - 1 {
+            0.0
+        } else {
+            6.0 * ((y[i + 1] - y[i]) / h[i] - (y[i] - y[i - 1]) / h[i - 1])
+        }
     });
-    let Some(m) = matrix.lu().solve(&right) else { return y[0] };
+    let Some(m) = matrix.lu().solve(&right) else {
+        return y[0];
+    };
     let k = (0..n - 1).rfind(|&k| at >= x[k]).unwrap_or(0);
     let (a, b) = (x[k + 1] - at, at - x[k]);
     (m[k] * a.powi(3) + m[k + 1] * b.powi(3)) / (6.0 * h[k])
@@ -230,7 +285,10 @@ const CYCLES: usize = 12;
 
 /// Displacement over time at 30, 50 and 60 V (Fig. 4), with the errors of the model.
 fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, Plot) {
-    let mut figure_4 = Plot::new("Fig. 4: end-effector at 60 Hz").x_axis("time", "s").y_axis("displacement", "um").width(Width::Full);
+    let mut figure_4 = Plot::new("Fig. 4: end-effector at 60 Hz")
+        .x_axis("time", "s")
+        .y_axis("displacement", "um")
+        .width(Width::Full);
     let (mut rows, mut errors, mut noisy_errors) = (Vec::new(), Vec::new(), Vec::new());
     for (k, height) in [30.0, 50.0, 60.0].into_iter().enumerate() {
         let drive = saw_tooth(60.0, height, CYCLES);
@@ -248,7 +306,12 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Chapter
         noisy_errors.extend(difference(&reading, &ours));
         let t = times_s(truth.len());
         figure_4 = figure_4
-            .with(Series::line("measured", CurveRole::Measured, t.clone(), reading))
+            .with(Series::line(
+                "measured",
+                CurveRole::Measured,
+                t.clone(),
+                reading,
+            ))
             .with(Series::line("model", CurveRole::Model, t, ours).style(Style::Dashed));
     }
     rows.insert(
@@ -260,9 +323,22 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Chapter
             "Eq. 18 over 30, 50, 60 V saw-teeth of 12 cycles; parameters from noisy records of three experiments",
         ),
     );
-    rows.push(ChapterRow::new("ch3.emax", largest(&errors), "um", "largest error of the same"));
-    let note = format!("the same against the readings, {:.0} nm of noise", 1e3 * SENSOR_NOISE_UM);
-    rows.push(ChapterRow::new("ch3.erms.with_noise", rms(&noisy_errors), "um", note));
+    rows.push(ChapterRow::new(
+        "ch3.emax",
+        largest(&errors),
+        "um",
+        "largest error of the same",
+    ));
+    let note = format!(
+        "the same against the readings, {:.0} nm of noise",
+        1e3 * SENSOR_NOISE_UM
+    );
+    rows.push(ChapterRow::new(
+        "ch3.erms.with_noise",
+        rms(&noisy_errors),
+        "um",
+        note,
+    ));
     (rows, figure_4)
 }
 
@@ -270,12 +346,29 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Chapter
 fn integrators(rig: &StickSlipActuator) -> Vec<ChapterRow> {
     let mut rows = Vec::new();
     let force_um = rig.force_equivalent_um(&saw_tooth(60.0, 50.0, 3));
-    let finest = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, Integrator::RungeKutta, 100 * SUBSTEPS).end_effector_um;
+    let finest = rig
+        .simulate_with(
+            &force_um,
+            SAMPLE_RATE_HZ,
+            Integrator::RungeKutta,
+            100 * SUBSTEPS,
+        )
+        .end_effector_um;
     for (id, integrator, name) in [
-        ("runge_kutta", Integrator::RungeKutta, "Runge-Kutta of fourth order, the one in use"),
-        ("rosenbrock", Integrator::Rosenbrock, "two-stage L-stable Rosenbrock method of second order"),
+        (
+            "runge_kutta",
+            Integrator::RungeKutta,
+            "Runge-Kutta of fourth order, the one in use",
+        ),
+        (
+            "rosenbrock",
+            Integrator::Rosenbrock,
+            "two-stage L-stable Rosenbrock method of second order",
+        ),
     ] {
-        let coarse = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, integrator, SUBSTEPS).end_effector_um;
+        let coarse = rig
+            .simulate_with(&force_um, SAMPLE_RATE_HZ, integrator, SUBSTEPS)
+            .end_effector_um;
         rows.push(ChapterRow::new(
             format!("ch3.integrator.{id}.max"),
             largest(&difference(&coarse, &finest)),
@@ -287,28 +380,49 @@ fn integrators(rig: &StickSlipActuator) -> Vec<ChapterRow> {
 }
 
 /// Platform and end-effector with and without hysteresis in the model (Fig. 5).
-fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, [Plot; 2]) {
+fn with_and_without_hysteresis(
+    rig: &StickSlipActuator,
+    model: &StickSlipActuator,
+) -> (Vec<ChapterRow>, [Plot; 2]) {
     let mut rows = Vec::new();
     let mut linear = model.clone();
     let gain = model.hysteresis.initial_ascending_curve(0.5) / 0.5;
-    linear.hysteresis = Surfaces { g: vec![vec![0.0, -gain], vec![gain, 0.0]], r: Vec::new() };
+    linear.hysteresis = Surfaces {
+        g: vec![vec![0.0, -gain], vec![gain, 0.0]],
+        r: Vec::new(),
+    };
     let platform_drive = saw_tooth(10.0, 50.0, 3);
     let platform_truth = without_end_effector(rig).platform(&platform_drive);
-    let mut figure_5a = Plot::new("Fig. 5 (A): platform, 50 V, 10 Hz").x_axis("time", "s").y_axis("displacement", "um").with(Series::line(
-        "measured",
-        CurveRole::Measured,
-        times_s(platform_truth.len()),
-        noisy(&platform_truth, 340),
-    ));
+    let mut figure_5a = Plot::new("Fig. 5 (A): platform, 50 V, 10 Hz")
+        .x_axis("time", "s")
+        .y_axis("displacement", "um")
+        .with(Series::line(
+            "measured",
+            CurveRole::Measured,
+            times_s(platform_truth.len()),
+            noisy(&platform_truth, 340),
+        ));
     let effector_drive = saw_tooth(20.0, 50.0, 6);
-    let effector_truth = rig.simulate(&effector_drive, SAMPLE_RATE_HZ).end_effector_um;
+    let effector_truth = rig
+        .simulate(&effector_drive, SAMPLE_RATE_HZ)
+        .end_effector_um;
     let mut figure_5b = Plot::new("Fig. 5 (B): end-effector, 50 V, 20 Hz")
         .x_axis("time", "s")
         .y_axis("displacement", "um")
-        .with(Series::line("measured", CurveRole::Measured, times_s(effector_truth.len()), noisy(&effector_truth, 341)));
-    for (name, role, candidate) in [("with hysteresis", CurveRole::Model, model), ("without hysteresis", CurveRole::Other1, &linear)] {
+        .with(Series::line(
+            "measured",
+            CurveRole::Measured,
+            times_s(effector_truth.len()),
+            noisy(&effector_truth, 341),
+        ));
+    for (name, role, candidate) in [
+        ("with hysteresis", CurveRole::Model, model),
+        ("without hysteresis", CurveRole::Other1, &linear),
+    ] {
         let platform_model = without_end_effector(candidate).platform(&platform_drive);
-        let effector_model = candidate.simulate(&effector_drive, SAMPLE_RATE_HZ).end_effector_um;
+        let effector_model = candidate
+            .simulate(&effector_drive, SAMPLE_RATE_HZ)
+            .end_effector_um;
         let key = name.replace(' ', "_");
         rows.push(ChapterRow::new(
             format!("ch3.fig5a.{key}.rms"),
@@ -322,8 +436,14 @@ fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuato
             "um",
             "end-effector, 50 V, 20 Hz saw-tooth",
         ));
-        figure_5a = figure_5a.with(Series::line(name, role, times_s(platform_model.len()), platform_model).style(Style::Dashed));
-        figure_5b = figure_5b.with(Series::line(name, role, times_s(effector_model.len()), effector_model).style(Style::Dashed));
+        figure_5a = figure_5a.with(
+            Series::line(name, role, times_s(platform_model.len()), platform_model)
+                .style(Style::Dashed),
+        );
+        figure_5b = figure_5b.with(
+            Series::line(name, role, times_s(effector_model.len()), effector_model)
+                .style(Style::Dashed),
+        );
     }
     (rows, [figure_5a, figure_5b])
 }
@@ -331,31 +451,81 @@ fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuato
 /// Speed over voltage and frequency (Figs. 6 and 7).
 fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, [Plot; 2]) {
     let mut rows = Vec::new();
-    let roles = [CurveRole::Other1, CurveRole::Other2, CurveRole::Other3, CurveRole::Other4];
-    let mut figure_6 = Plot::new("Fig. 6: speed over magnitude").x_axis("saw-tooth magnitude", "V").y_axis("average speed", "um/s");
+    let roles = [
+        CurveRole::Other1,
+        CurveRole::Other2,
+        CurveRole::Other3,
+        CurveRole::Other4,
+    ];
+    let mut figure_6 = Plot::new("Fig. 6: speed over magnitude")
+        .x_axis("saw-tooth magnitude", "V")
+        .y_axis("average speed", "um/s");
     let mut worst_speed_pct: f64 = 0.0;
     let mut monotone = true;
     for (role, frequency) in roles.into_iter().zip([20.0, 40.0, 60.0, 80.0]) {
         let heights: Vec<f64> = (2..=8).map(|k| 10.0 * f64::from(k)).collect();
-        let measured: Vec<f64> = heights.iter().enumerate().map(|(k, h)| speed(rig, frequency, *h, 15, Some(350 + k as u64))).collect();
-        let ours: Vec<f64> = heights.iter().map(|h| speed(model, frequency, *h, 15, None)).collect();
-        monotone &= measured.windows(2).chain(ours.windows(2)).all(|p| p[1] > p[0]);
+        let measured: Vec<f64> = heights
+            .iter()
+            .enumerate()
+            .map(|(k, h)| speed(rig, frequency, *h, 15, Some(350 + k as u64)))
+            .collect();
+        let ours: Vec<f64> = heights
+            .iter()
+            .map(|h| speed(model, frequency, *h, 15, None))
+            .collect();
+        monotone &= measured
+            .windows(2)
+            .chain(ours.windows(2))
+            .all(|p| p[1] > p[0]);
         let top = largest(&measured);
         worst_speed_pct = worst_speed_pct.max(100.0 * largest(&difference(&measured, &ours)) / top);
         figure_6 = figure_6
-            .with(Series::points(format!("{frequency:.0} Hz, measured"), role, heights.clone(), measured))
-            .with(Series::line(format!("{frequency:.0} Hz, model"), role, heights, ours));
+            .with(Series::points(
+                format!("{frequency:.0} Hz, measured"),
+                role,
+                heights.clone(),
+                measured,
+            ))
+            .with(Series::line(
+                format!("{frequency:.0} Hz, model"),
+                role,
+                heights,
+                ours,
+            ));
     }
-    let mut figure_7 = Plot::new("Fig. 7: speed over frequency").x_axis("saw-tooth frequency", "Hz").y_axis("average speed", "um/s");
+    let mut figure_7 = Plot::new("Fig. 7: speed over frequency")
+        .x_axis("saw-tooth frequency", "Hz")
+        .y_axis("average speed", "um/s");
     for (role, height) in roles.into_iter().zip([30.0, 50.0, 70.0]) {
         let frequencies: Vec<f64> = (1..=9).map(|k| 10.0 * f64::from(k)).collect();
-        let measured: Vec<f64> = frequencies.iter().enumerate().map(|(k, f)| speed(rig, *f, height, 15, Some(370 + k as u64))).collect();
-        let ours: Vec<f64> = frequencies.iter().map(|f| speed(model, *f, height, 15, None)).collect();
-        monotone &= measured.windows(2).chain(ours.windows(2)).all(|p| p[1] > p[0]);
-        worst_speed_pct = worst_speed_pct.max(100.0 * largest(&difference(&measured, &ours)) / largest(&measured));
+        let measured: Vec<f64> = frequencies
+            .iter()
+            .enumerate()
+            .map(|(k, f)| speed(rig, *f, height, 15, Some(370 + k as u64)))
+            .collect();
+        let ours: Vec<f64> = frequencies
+            .iter()
+            .map(|f| speed(model, *f, height, 15, None))
+            .collect();
+        monotone &= measured
+            .windows(2)
+            .chain(ours.windows(2))
+            .all(|p| p[1] > p[0]);
+        worst_speed_pct = worst_speed_pct
+            .max(100.0 * largest(&difference(&measured, &ours)) / largest(&measured));
         figure_7 = figure_7
-            .with(Series::points(format!("{height:.0} V, measured"), role, frequencies.clone(), measured))
-            .with(Series::line(format!("{height:.0} V, model"), role, frequencies, ours));
+            .with(Series::points(
+                format!("{height:.0} V, measured"),
+                role,
+                frequencies.clone(),
+                measured,
+            ))
+            .with(Series::line(
+                format!("{height:.0} V, model"),
+                role,
+                frequencies,
+                ours,
+            ));
     }
     rows.push(ChapterRow::new(
         "ch3.speed.worst",
@@ -376,19 +546,41 @@ fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow
 fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<ChapterRow>, [Plot; 2]), String> {
     let mut rows = Vec::new();
     let beta_n_kg = model.friction.coulomb_force_n / MASS_KG;
-    let loaded = |base: &StickSlipActuator, mass_kg: f64, stiffness_n_um: f64, coulomb_n_kg: f64| -> StickSlipActuator {
-        let friction = ElastoplasticFriction { stiffness_n_um, coulomb_force_n: coulomb_n_kg * mass_kg, ..base.friction };
-        StickSlipActuator { friction, end_effector_mass_kg: mass_kg, ..base.clone() }
+    let loaded = |base: &StickSlipActuator,
+                  mass_kg: f64,
+                  stiffness_n_um: f64,
+                  coulomb_n_kg: f64|
+     -> StickSlipActuator {
+        let friction = ElastoplasticFriction {
+            stiffness_n_um,
+            coulomb_force_n: coulomb_n_kg * mass_kg,
+            ..base.friction
+        };
+        StickSlipActuator {
+            friction,
+            end_effector_mass_kg: mass_kg,
+            ..base.clone()
+        }
     };
     let short = saw_tooth(60.0, 50.0, 6);
     let force_um = model.force_equivalent_um(&short);
     let known_masses = [0.0635, 0.1, 0.13, 0.157, 0.19, 0.22, 0.253, 0.3, 0.36, 0.42];
     let mut stiffness = Vec::new();
     for (k, mass) in known_masses.into_iter().enumerate() {
-        let reading = noisy(&StickSlipActuator::thesis(mass).simulate(&short, SAMPLE_RATE_HZ).end_effector_um, 380 + k as u64);
+        let reading = noisy(
+            &StickSlipActuator::thesis(mass)
+                .simulate(&short, SAMPLE_RATE_HZ)
+                .end_effector_um,
+            380 + k as u64,
+        );
         let residuals = |p: &[f64]| -> Vec<f64> {
             let trial = loaded(model, mass, p[0].exp(), beta_n_kg);
-            difference(&trial.simulate_with(&force_um, SAMPLE_RATE_HZ, Default::default(), 8).end_effector_um, &reading)
+            difference(
+                &trial
+                    .simulate_with(&force_um, SAMPLE_RATE_HZ, Default::default(), 8)
+                    .end_effector_um,
+                &reading,
+            )
         };
         let start = (0..14)
             .map(|i| -2.0 + 0.25 * f64::from(i))
@@ -401,10 +593,33 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<ChapterRow>, [Plot;
     let masses: Vec<f64> = (0..=35).map(|k| 0.065 + 0.01 * f64::from(k)).collect();
     let (mut measured, mut ours) = (Vec::new(), Vec::new());
     for (k, mass) in masses.iter().enumerate() {
-        measured.push(speed(&StickSlipActuator::thesis(*mass), 60.0, 50.0, 60, Some(400 + k as u64)));
-        ours.push(speed(&loaded(model, *mass, spline(&known_masses, &stiffness, *mass), beta_n_kg), 60.0, 50.0, 60, None));
+        measured.push(speed(
+            &StickSlipActuator::thesis(*mass),
+            60.0,
+            50.0,
+            60,
+            Some(400 + k as u64),
+        ));
+        ours.push(speed(
+            &loaded(
+                model,
+                *mass,
+                spline(&known_masses, &stiffness, *mass),
+                beta_n_kg,
+            ),
+            60.0,
+            50.0,
+            60,
+            None,
+        ));
     }
-    let best = |speeds: &[f64]| masses.iter().zip(speeds).max_by(|a, b| a.1.total_cmp(b.1)).map_or((0.0, 0.0), |(m, s)| (*m, *s));
+    let best = |speeds: &[f64]| {
+        masses
+            .iter()
+            .zip(speeds)
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .map_or((0.0, 0.0), |(m, s)| (*m, *s))
+    };
     let ((rig_mass, rig_speed), (our_mass, our_speed)) = (best(&measured), best(&ours));
     rows.push(ChapterRow::new(
         "ch3.optimum_mass.measured",
@@ -421,18 +636,38 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<ChapterRow>, [Plot;
     let figure_8 = Plot::new("Fig. 8: speed over mass, 50 V, 60 Hz")
         .x_axis("end-effector mass", "kg")
         .y_axis("average speed", "um/s")
-        .caption(format!("The highest speed is at {rig_mass:.3} kg as measured, {our_mass:.3} kg by the model."))
-        .with(Series::points("measured", CurveRole::Measured, masses.clone(), measured))
-        .with(Series::line("model", CurveRole::Model, masses.clone(), ours));
+        .caption(format!(
+            "The highest speed is at {rig_mass:.3} kg as measured, {our_mass:.3} kg by the model."
+        ))
+        .with(Series::points(
+            "measured",
+            CurveRole::Measured,
+            masses.clone(),
+            measured,
+        ))
+        .with(Series::line(
+            "model",
+            CurveRole::Model,
+            masses.clone(),
+            ours,
+        ));
     let figure_stiffness = Plot::new("Contact stiffness over mass (Eqs. 19-21)")
         .x_axis("end-effector mass", "kg")
         .y_axis("contact stiffness", "N/mm")
-        .with(Series::points("identified", CurveRole::Model, known_masses.to_vec(), stiffness.iter().map(|s| 1000.0 * s).collect()))
+        .with(Series::points(
+            "identified",
+            CurveRole::Model,
+            known_masses.to_vec(),
+            stiffness.iter().map(|s| 1000.0 * s).collect(),
+        ))
         .with(Series::line(
             "printed splines",
             CurveRole::Measured,
             masses.clone(),
-            masses.iter().map(|m| 1000.0 * hysteron_sim::stick_slip::printed_contact_stiffness_n_um(*m)).collect(),
+            masses
+                .iter()
+                .map(|m| 1000.0 * hysteron_sim::stick_slip::printed_contact_stiffness_n_um(*m))
+                .collect(),
         ));
     Ok((rows, [figure_8, figure_stiffness]))
 }
@@ -449,10 +684,16 @@ fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Chapte
     ];
     let mut table = Table {
         title: "Friction (Ch. 3, Table I)".into(),
-        columns: ["parameter", "identified", "std", "thesis", "unit"].map(String::from).to_vec(),
+        columns: ["parameter", "identified", "std", "thesis", "unit"]
+            .map(String::from)
+            .to_vec(),
         ..Table::default()
     };
-    for (i, ((key, symbol, unit, scale), printed)) in names.into_iter().zip([0.0362, 482.0, 0.273, 0.801]).enumerate() {
+    for (i, ((key, symbol, unit, scale), printed)) in names
+        .into_iter()
+        .zip([0.0362, 482.0, 0.273, 0.801])
+        .enumerate()
+    {
         // The ratio was varied as its logit.
         let (value, std) = if i == 3 {
             let ratio = model.friction.breakaway_ratio.unwrap_or(0.0);
@@ -466,7 +707,13 @@ fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Chapte
             unit,
             format!("{symbol} by nonlinear least squares, +- {std:.2e}; printed {printed}"),
         ));
-        table.rows.push(vec![symbol.into(), format!("{value:.4}"), format!("{std:.1e}"), printed.to_string(), unit.into()]);
+        table.rows.push(vec![
+            symbol.into(),
+            format!("{value:.4}"),
+            format!("{std:.1e}"),
+            printed.to_string(),
+            unit.into(),
+        ]);
     }
     (rows, table)
 }
@@ -488,7 +735,10 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         end_effector_mass_kg: MASS_KG,
     };
     let drive_50 = saw_tooth(60.0, 50.0, CYCLES);
-    let reading_50 = noisy(&rig.simulate(&drive_50, SAMPLE_RATE_HZ).end_effector_um, 320);
+    let reading_50 = noisy(
+        &rig.simulate(&drive_50, SAMPLE_RATE_HZ).end_effector_um,
+        320,
+    );
     let friction = identify_friction(&model, &drive_50, &reading_50)?;
     model.friction = friction_from(&friction.values);
 
@@ -512,16 +762,32 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         "N/kg",
         "identified F_c over the mass of the end-effector",
     ));
-    rows.push(ChapterRow::new("ch3.natural_frequency", platform.values[0], "rad/s", "from steps to 50 and 100 V; printed 1526"));
-    rows.push(ChapterRow::new("ch3.damping_ratio", platform.values[1], "1", "from steps to 50 and 100 V; printed 0.7696"));
+    rows.push(ChapterRow::new(
+        "ch3.natural_frequency",
+        platform.values[0],
+        "rad/s",
+        "from steps to 50 and 100 V; printed 1526",
+    ));
+    rows.push(ChapterRow::new(
+        "ch3.damping_ratio",
+        platform.values[1],
+        "1",
+        "from steps to 50 and 100 V; printed 0.7696",
+    ));
     rows.push(ChapterRow::new(
         "ch3.surface.terms",
         surface_fit.values.len() as f64,
         "1",
-        format!("coefficients of F(alpha, beta), order by evidence; residual {:.4} um RMS", surface_fit.residual_rms()),
+        format!(
+            "coefficients of F(alpha, beta), order by evidence; residual {:.4} um RMS",
+            surface_fit.residual_rms()
+        ),
     ));
 
-    let plots = std::iter::once(figure_4).chain(figure_5).chain(figures_6_and_7).chain(figure_8);
+    let plots = std::iter::once(figure_4)
+        .chain(figure_5)
+        .chain(figures_6_and_7)
+        .chain(figure_8);
     let mut blocks: Vec<PageBlock> = plots.map(PageBlock::Plot).collect();
     blocks.push(PageBlock::Table(table));
     blocks.push(PageBlock::Notes(errata(&[
@@ -537,5 +803,10 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
             .into(),
         blocks,
     }];
-    Ok(Chapter { number: 3, rows, sections, choices: Vec::new() })
+    Ok(Chapter {
+        number: 3,
+        rows,
+        sections,
+        choices: Vec::new(),
+    })
 }

@@ -26,7 +26,9 @@ use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
 /// Heights of the hysteresis experiment, V (Ch. 5, 4.C).
-const HEIGHTS_V: [f64; 14] = [5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 65.0, 70.0];
+const HEIGHTS_V: [f64; 14] = [
+    5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 65.0, 70.0,
+];
 /// Frequencies of the validation, Hz.
 const VALIDATION_HZ: [f64; 6] = [50.0, 100.0, 200.0, 300.0, 400.0, 500.0];
 /// Two periods in the manner of Fig. 8, half a period of a sine from each vertex to the next, V.
@@ -48,14 +50,27 @@ fn phase_rad(signal: &[f64], hz: f64, sample_rate_hz: f64) -> Option<f64> {
 fn phase_response(bench: &Bench) -> Vec<(f64, f64)> {
     let fs = bench.converters.sample_rate_hz;
     let mut response = Vec::new();
-    for (k, hz) in [10.0, 25.0, 50.0, 100.0, 150.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0, 1000.0].into_iter().enumerate()
+    for (k, hz) in [
+        10.0, 25.0, 50.0, 100.0, 150.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0,
+        1000.0,
+    ]
+    .into_iter()
+    .enumerate()
     {
         let settle = waveform::half_cosines(fs, 0.02, &[0.0, 35.0]);
         let seconds = (5.0_f64 / hz).max(0.2);
         let sine = waveform::sine(fs, hz, 3.0, 35.0, 0.0, 0.1 + seconds);
         let from = settle.len() + waveform::samples_in(fs, 0.1);
-        let record = bench.record(Variant::FULL, Start::Virgin, &waveform::concatenate(&[settle, sine]), 510 + k as u64);
-        let (drive, reading) = (phase_rad(&record.drive_v[from..], hz, fs), phase_rad(&record.reading_um[from..], hz, fs));
+        let record = bench.record(
+            Variant::FULL,
+            Start::Virgin,
+            &waveform::concatenate(&[settle, sine]),
+            510 + k as u64,
+        );
+        let (drive, reading) = (
+            phase_rad(&record.drive_v[from..], hz, fs),
+            phase_rad(&record.reading_um[from..], hz, fs),
+        );
         if let (Some(d), Some(r)) = (drive, reading) {
             let mut lag = r - d + TAU * hz * 0.5 / fs;
             while lag > 0.5 {
@@ -99,7 +114,10 @@ struct AlphaBetaGamma {
 
 impl AlphaBetaGamma {
     fn new(alpha: f64, beta: f64, gamma: f64) -> Self {
-        Self { gains: [alpha, beta, gamma], state: [0.0; 3] }
+        Self {
+            gains: [alpha, beta, gamma],
+            state: [0.0; 3],
+        }
     }
 
     fn step(&mut self, reading: f64, dt_s: f64) -> [f64; 3] {
@@ -107,7 +125,11 @@ impl AlphaBetaGamma {
         let [alpha, beta, gamma] = self.gains;
         let (predicted, velocity) = (x + dt_s * v + 0.5 * dt_s * dt_s * a, v + dt_s * a);
         let innovation = reading - predicted;
-        self.state = [predicted + alpha * innovation, velocity + beta * innovation / dt_s, a + 0.5 * gamma * innovation / (dt_s * dt_s)];
+        self.state = [
+            predicted + alpha * innovation,
+            velocity + beta * innovation / dt_s,
+            a + 0.5 * gamma * innovation / (dt_s * dt_s),
+        ];
         self.state
     }
 }
@@ -116,21 +138,40 @@ impl AlphaBetaGamma {
 fn derivatives(reading: &[f64], dt_s: f64, how: Derivatives) -> Option<Vec<[f64; 3]>> {
     match how {
         Derivatives::AlphaBetaGamma => {
-            let mut filter = AlphaBetaGamma::new(PRINTED_ALPHA, PRINTED_BETA, PRINTED_BETA * PRINTED_BETA / PRINTED_ALPHA);
+            let mut filter = AlphaBetaGamma::new(
+                PRINTED_ALPHA,
+                PRINTED_BETA,
+                PRINTED_BETA * PRINTED_BETA / PRINTED_ALPHA,
+            );
             Some(reading.iter().map(|y| filter.step(*y, dt_s)).collect())
         }
         Derivatives::LocalPolynomial => {
             const HALF: usize = 10;
-            let rows = DMatrix::from_fn(2 * HALF + 1, 5, |k, c| ((k as f64 - HALF as f64) / HALF as f64).powi(c as i32));
+            let rows = DMatrix::from_fn(2 * HALF + 1, 5, |k, c| {
+                ((k as f64 - HALF as f64) / HALF as f64).powi(c as i32)
+            });
             let inverse = (rows.transpose() * &rows).try_inverse()? * rows.transpose();
             let scale = 1.0 / (HALF as f64 * dt_s);
             let at = |k: isize| reading[k.clamp(0, reading.len() as isize - 1) as usize];
             Some(
                 (0..reading.len() as isize)
                     .map(|k| {
-                        let window: Vec<f64> = (-(HALF as isize)..=HALF as isize).map(|o| at(k + o)).collect();
-                        let coefficient = |c: usize| inverse.row(c).iter().zip(&window).map(|(w, y)| w * y).sum::<f64>();
-                        [coefficient(0), coefficient(1) * scale, 2.0 * coefficient(2) * scale * scale]
+                        let window: Vec<f64> = (-(HALF as isize)..=HALF as isize)
+                            .map(|o| at(k + o))
+                            .collect();
+                        let coefficient = |c: usize| {
+                            inverse
+                                .row(c)
+                                .iter()
+                                .zip(&window)
+                                .map(|(w, y)| w * y)
+                                .sum::<f64>()
+                        };
+                        [
+                            coefficient(0),
+                            coefficient(1) * scale,
+                            2.0 * coefficient(2) * scale * scale,
+                        ]
                     })
                     .collect(),
             )
@@ -150,7 +191,11 @@ struct ThesisChain {
 impl ThesisChain {
     fn simulate(&self, bench: &Bench, drive_v: &[f64]) -> Vec<f64> {
         let dt_s = bench.sampling_period_s();
-        let mut hysteresis = OneSidedHysteresis::virgin(self.surfaces.clone(), bench.drive_min_v, bench.drive_max_v - bench.drive_min_v);
+        let mut hysteresis = OneSidedHysteresis::virgin(
+            self.surfaces.clone(),
+            bench.drive_min_v,
+            bench.drive_max_v - bench.drive_min_v,
+        );
         let mut mode = VibrationMode::new(self.natural_frequency_rad_s, self.damping_ratio, dt_s);
         let mut creep = self.creep.as_ref().map(|c| c.discretise(dt_s));
         let mut output = 0.0;
@@ -168,7 +213,12 @@ impl ThesisChain {
 
 /// `F` and `G` from 100 Hz raised cosines of fourteen heights through the force that displacement and
 /// derivatives imply (Eq. 12).
-fn surfaces_by_force(bench: &Bench, frequency: f64, damping: f64, how: Derivatives) -> Option<Surfaces> {
+fn surfaces_by_force(
+    bench: &Bench,
+    frequency: f64,
+    damping: f64,
+    how: Derivatives,
+) -> Option<Surfaces> {
     let fs = bench.converters.sample_rate_hz;
     let range_v = bench.drive_max_v - bench.drive_min_v;
     let (mut curve, mut losses) = (Vec::new(), Vec::new());
@@ -177,17 +227,32 @@ fn surfaces_by_force(bench: &Bench, frequency: f64, damping: f64, how: Derivativ
         drive.extend(waveform::hold(fs, 0.0, 0.002));
         let record = bench.record(Variant::FULL, Start::Virgin, &drive, 530 + k as u64);
         let motion = derivatives(&record.reading_um, 1.0 / fs, how)?;
-        let force: Vec<f64> = motion.iter().map(|[x, v, a]| x + 2.0 * damping / frequency * v + a / (frequency * frequency)).collect();
+        let force: Vec<f64> = motion
+            .iter()
+            .map(|[x, v, a]| x + 2.0 * damping / frequency * v + a / (frequency * frequency))
+            .collect();
         // A held drive acts as its mean around the sample.
-        let voltage: Vec<f64> = (0..drive.len()).map(|k| 0.5 * (record.drive_v[k] + record.drive_v[k.saturating_sub(1)])).collect();
-        let peak = (0..250.min(voltage.len())).max_by(|a, b| voltage[*a].total_cmp(&voltage[*b]))?;
+        let voltage: Vec<f64> = (0..drive.len())
+            .map(|k| 0.5 * (record.drive_v[k] + record.drive_v[k.saturating_sub(1)]))
+            .collect();
+        let peak =
+            (0..250.min(voltage.len())).max_by(|a, b| voltage[*a].total_cmp(&voltage[*b]))?;
         curve.push((height / range_v, force[peak]));
-        for beta in std::iter::once(0.0).chain(HEIGHTS_V).filter(|b| *b < height) {
+        for beta in std::iter::once(0.0)
+            .chain(HEIGHTS_V)
+            .filter(|b| *b < height)
+        {
             let level = beta.max(0.01);
-            if let Some(k) = (peak..voltage.len() - 1).find(|&k| voltage[k] >= level && voltage[k + 1] < level) {
+            if let Some(k) =
+                (peak..voltage.len() - 1).find(|&k| voltage[k] >= level && voltage[k + 1] < level)
+            {
                 let share = (voltage[k] - level) / (voltage[k] - voltage[k + 1]);
                 let now = force[k] + share * (force[k + 1] - force[k]);
-                losses.push(LossPoint { maximum: height / range_v, drive: beta / range_v, loss_um: force[peak] - now });
+                losses.push(LossPoint {
+                    maximum: height / range_v,
+                    drive: beta / range_v,
+                    loss_um: force[peak] - now,
+                });
             }
         }
     }
@@ -206,26 +271,63 @@ struct Creep {
 
 /// Creep after a step to 30 V over 30 s: ARX with 4 poles, 1 zero and 1 delay at 0.1 s, converted to
 /// continuous time (Ch. 5, 4.D).
-fn identify_creep(bench: &Bench, chain: &ThesisChain, reading_um: &[f64], drive_v: &[f64]) -> Option<Creep> {
+fn identify_creep(
+    bench: &Bench,
+    chain: &ThesisChain,
+    reading_um: &[f64],
+    drive_v: &[f64],
+) -> Option<Creep> {
     let stride = waveform::samples_in(bench.converters.sample_rate_hz, 0.1);
-    let x1 = ThesisChain { creep: None, ..chain.clone() }.simulate(bench, drive_v);
+    let x1 = ThesisChain {
+        creep: None,
+        ..chain.clone()
+    }
+    .simulate(bench, drive_v);
     // The mean over 5 ms around each sample: a quarter of the noise would otherwise decide the poles.
-    let around = |signal: &[f64], k: usize| mean(&signal[k.saturating_sub(50)..(k + 50).min(signal.len())]);
+    let around =
+        |signal: &[f64], k: usize| mean(&signal[k.saturating_sub(50)..(k + 50).min(signal.len())]);
     let instants: Vec<usize> = (0..reading_um.len() / stride).map(|i| i * stride).collect();
-    let input: Vec<f64> = instants.iter().map(|k| x1[(*k + 100).min(x1.len() - 1)]).collect();
-    let output: Vec<f64> =
-        instants.iter().enumerate().map(|(i, k)| if i == 0 { 0.0 } else { around(reading_um, *k) - around(&x1, *k) }).collect();
-    let past = |signal: &[f64], k: usize, back: usize| if k >= back { signal[k - back] } else { 0.0 };
+    let input: Vec<f64> = instants
+        .iter()
+        .map(|k| x1[(*k + 100).min(x1.len() - 1)])
+        .collect();
+    let output: Vec<f64> = instants
+        .iter()
+        .enumerate()
+        .map(|(i, k)| {
+            if i == 0 {
+                0.0
+            } else {
+                around(reading_um, *k) - around(&x1, *k)
+            }
+        })
+        .collect();
+    let past =
+        |signal: &[f64], k: usize, back: usize| if k >= back { signal[k - back] } else { 0.0 };
     let count = output.len();
     let rows = DMatrix::from_fn(count - 1, 6, |r, c| {
         let k = r + 1;
-        if c < 4 { -past(&output, k, c + 1) } else { past(&input, k, c - 3) }
+        if c < 4 {
+            -past(&output, k, c + 1)
+        } else {
+            past(&input, k, c - 3)
+        }
     });
     let arx = least_squares::linear(rows, &output[1..], None)?.values;
     // Companion form, its matrix logarithm by eigenvalues of the polynomial, numerator by the held-input
     // equivalence.
-    let poles = DMatrix::from_fn(4, 4, |i, j| if i == 0 { -arx[j] } else { f64::from(u8::from(i == j + 1)) }).complex_eigenvalues();
-    if poles.iter().any(|p| p.norm() >= 1.0 || (p.im.abs() < 1e-12 && p.re <= 0.0)) {
+    let poles = DMatrix::from_fn(4, 4, |i, j| {
+        if i == 0 {
+            -arx[j]
+        } else {
+            f64::from(u8::from(i == j + 1))
+        }
+    })
+    .complex_eigenvalues();
+    if poles
+        .iter()
+        .any(|p| p.norm() >= 1.0 || (p.im.abs() < 1e-12 && p.re <= 0.0))
+    {
         return Some(Creep {
             system: None,
             numerator: vec![],
@@ -250,27 +352,35 @@ fn identify_creep(bench: &Bench, chain: &ThesisChain, reading_um: &[f64], drive_
     // simulation.
     let mut simulated = vec![0.0; count];
     for k in 1..count {
-        simulated[k] =
-            (0..4).map(|c| -arx[c] * past(&simulated, k, c + 1)).sum::<f64>() + arx[4] * past(&input, k, 1) + arx[5] * past(&input, k, 2);
+        simulated[k] = (0..4)
+            .map(|c| -arx[c] * past(&simulated, k, c + 1))
+            .sum::<f64>()
+            + arx[4] * past(&input, k, 1)
+            + arx[5] * past(&input, k, 2);
     }
     let mut columns = Vec::new();
     for power in 0..4usize {
         let mut unit = vec![0.0; 4];
         unit[3 - power] = 1.0;
-        let mut system = ContinuousSystem::from_transfer_function(&unit, &denominator)?.discretise(0.1);
+        let mut system =
+            ContinuousSystem::from_transfer_function(&unit, &denominator)?.discretise(0.1);
         let mut column = vec![0.0];
         column.extend(input.iter().map(|u| system.step_held(*u)));
         column.truncate(count);
         columns.push(nalgebra::DVector::from_vec(column));
     }
-    let numerator_ascending = least_squares::linear(DMatrix::from_columns(&columns), &simulated, None)?.values;
+    let numerator_ascending =
+        least_squares::linear(DMatrix::from_columns(&columns), &simulated, None)?.values;
     let numerator: Vec<f64> = numerator_ascending.into_iter().rev().collect();
     let system = ContinuousSystem::from_transfer_function(&numerator, &denominator);
     Some(Creep {
         system,
         numerator,
         denominator,
-        times_s: instants.iter().map(|k| *k as f64 / bench.converters.sample_rate_hz).collect(),
+        times_s: instants
+            .iter()
+            .map(|k| *k as f64 / bench.converters.sample_rate_hz)
+            .collect(),
         measured_um: output,
         simulated_um: simulated,
     })
@@ -281,7 +391,8 @@ fn record(name: &str, sample_rate_hz: f64, drive_v: Vec<f64>, displacement_um: V
 }
 
 fn dataset(bench: &Bench, records: Vec<Record>) -> Result<Dataset, String> {
-    let data = Dataset::new(&bench.name, bench.drive_min_v, bench.drive_max_v, records).map_err(|e| e.to_string())?;
+    let data = Dataset::new(&bench.name, bench.drive_min_v, bench.drive_max_v, records)
+        .map_err(|e| e.to_string())?;
     Ok(Dataset {
         sensor_bandwidth_hz: Some(DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz()),
         sensor_lsb_um: Some(bench.adc_lsb_um()),
@@ -299,7 +410,10 @@ fn joint_records(bench: &Bench, step: (&[f64], &[f64])) -> Vec<Record> {
             waveform::half_cosines(
                 fs,
                 0.005,
-                &[0.0, 10.0, 0.0, 20.0, 0.0, 30.0, 0.0, 40.0, 0.0, 50.0, 0.0, 60.0, 0.0, 70.0, 0.0, 80.0, 0.0],
+                &[
+                    0.0, 10.0, 0.0, 20.0, 0.0, 30.0, 0.0, 40.0, 0.0, 50.0, 0.0, 60.0, 0.0, 70.0,
+                    0.0, 80.0, 0.0,
+                ],
             ),
         ),
         (
@@ -307,12 +421,22 @@ fn joint_records(bench: &Bench, step: (&[f64], &[f64])) -> Vec<Record> {
             waveform::half_cosines(
                 fs,
                 0.004,
-                &[0.0, 80.0, 0.0, 60.0, 30.0, 50.0, 10.0, 70.0, 40.0, 65.0, 20.0, 35.0, 25.0, 75.0, 5.0, 45.0, 15.0, 30.0, 0.0],
+                &[
+                    0.0, 80.0, 0.0, 60.0, 30.0, 50.0, 10.0, 70.0, 40.0, 65.0, 20.0, 35.0, 25.0,
+                    75.0, 5.0, 45.0, 15.0, 30.0, 0.0,
+                ],
             ),
         ),
         (
             "fast",
-            waveform::half_cosines(fs, 0.001, &[0.0, 50.0, 10.0, 70.0, 0.0, 40.0, 20.0, 80.0, 30.0, 60.0, 0.0, 70.0, 10.0, 50.0, 0.0]),
+            waveform::half_cosines(
+                fs,
+                0.001,
+                &[
+                    0.0, 50.0, 10.0, 70.0, 0.0, 40.0, 20.0, 80.0, 30.0, 60.0, 0.0, 70.0, 10.0,
+                    50.0, 0.0,
+                ],
+            ),
         ),
     ];
     let lines: Vec<usize> = (1..=330).map(|k| 2 * k).collect();
@@ -334,7 +458,9 @@ fn joint_records(bench: &Bench, step: (&[f64], &[f64])) -> Vec<Record> {
 }
 
 fn instance(id: &str, overview: &Overview, values: &[f64]) -> Result<EffectInstance, String> {
-    effect::by_id(id).map(|e| EffectInstance::new(e, overview, values)).ok_or_else(|| format!("no effect named {id}"))
+    effect::by_id(id)
+        .map(|e| EffectInstance::new(e, overview, values))
+        .ok_or_else(|| format!("no effect named {id}"))
 }
 
 /// Terms of the joint fit's creep, time constants evenly spread over their logarithm between these, s: what
@@ -370,15 +496,23 @@ fn joint_fit(
         JointCreep::Signed => {
             let (shortest, longest) = CREEP_TIME_CONSTANTS_S;
             let step = (longest / shortest).powf(1.0 / (CREEP_TERMS - 1) as f64);
-            let time_constants_s: Vec<f64> = (0..CREEP_TERMS as i32).map(|k| shortest * step.powi(k)).collect();
+            let time_constants_s: Vec<f64> = (0..CREEP_TERMS as i32)
+                .map(|k| shortest * step.powi(k))
+                .collect();
             with_signed_shares(&overview, &time_constants_s)
         }
     });
     let mut sensor = instance("sensor_bandwidth", &overview, &[sensor_bandwidth_hz])?;
-    sensor.parameters.iter_mut().for_each(|p| p.parameter.fixed = true);
+    sensor
+        .parameters
+        .iter_mut()
+        .for_each(|p| p.parameter.fixed = true);
     model.add(sensor);
     model = fit(&model, data, &all, effort).model;
-    progress(&format!("chapter 5: joint fit of the nominal chain: {:.4} um RMS", rms_over(&model, data, &all)));
+    progress(&format!(
+        "chapter 5: joint fit of the nominal chain: {:.4} um RMS",
+        rms_over(&model, data, &all)
+    ));
     // The second mode: the start with the lowest residual after a short fit.
     let second = effect::by_id("second_mode").ok_or("no effect named second_mode")?;
     let best = second
@@ -394,10 +528,20 @@ fn joint_fit(
         .ok_or("no start for the second mode")?;
     model.add(EffectInstance::new(second, &overview, &best.1));
     model = fit(&model, data, &all, effort).model;
-    progress(&format!("chapter 5: with a second mode: {:.4} um RMS", rms_over(&model, data, &all)));
-    model.add(instance("amplifier_bandwidth", &overview, &[0.4 * overview.sample_rate_max_hz])?);
+    progress(&format!(
+        "chapter 5: with a second mode: {:.4} um RMS",
+        rms_over(&model, data, &all)
+    ));
+    model.add(instance(
+        "amplifier_bandwidth",
+        &overview,
+        &[0.4 * overview.sample_rate_max_hz],
+    )?);
     model = fit(&model, data, &all, effort).model;
-    progress(&format!("chapter 5: with the amplifier's bandwidth: {:.4} um RMS", rms_over(&model, data, &all)));
+    progress(&format!(
+        "chapter 5: with the amplifier's bandwidth: {:.4} um RMS",
+        rms_over(&model, data, &all)
+    ));
     Ok(model)
 }
 
@@ -405,21 +549,51 @@ fn joint_fit(
 /// [`super::coverage`].
 fn coverage_case(bench: &Bench) -> Result<(Model, Dataset), String> {
     let fs = bench.converters.sample_rate_hz;
-    let loops = waveform::half_cosines(fs, 0.005, &[0.0, 25.0, 5.0, 45.0, 15.0, 35.0, 10.0, 60.0, 0.0, 80.0, 30.0, 70.0, 20.0, 50.0, 0.0]);
+    let loops = waveform::half_cosines(
+        fs,
+        0.005,
+        &[
+            0.0, 25.0, 5.0, 45.0, 15.0, 35.0, 10.0, 60.0, 0.0, 80.0, 30.0, 70.0, 20.0, 50.0, 0.0,
+        ],
+    );
     let mut lively = waveform::half_cosines(fs, 0.005, &[0.0, 40.0]);
-    lively.extend(waveform::multisine(400, &(1..=60).collect::<Vec<_>>(), 15.0, 40.0, 2, 61));
+    lively.extend(waveform::multisine(
+        400,
+        &(1..=60).collect::<Vec<_>>(),
+        15.0,
+        40.0,
+        2,
+        61,
+    ));
     let step = waveform::hold(fs, 30.0, 2.0);
     let mut records = Vec::new();
-    for (k, (name, drive)) in [("loops", loops), ("multisine", lively), ("step", step)].into_iter().enumerate() {
+    for (k, (name, drive)) in [("loops", loops), ("multisine", lively), ("step", step)]
+        .into_iter()
+        .enumerate()
+    {
         let played = bench.record(Variant::PLAIN, Start::Virgin, &drive, 590 + k as u64);
-        let (rate, stride) = if name == "step" { (fs / 100.0, 100) } else { (fs, 1) };
+        let (rate, stride) = if name == "step" {
+            (fs / 100.0, 100)
+        } else {
+            (fs, 1)
+        };
         let thin = |signal: Vec<f64>| signal.into_iter().step_by(stride).collect::<Vec<_>>();
-        records.push(record(name, rate, thin(played.drive_v), thin(played.reading_um)));
+        records.push(record(
+            name,
+            rate,
+            thin(played.drive_v),
+            thin(played.reading_um),
+        ));
     }
     let data = dataset(bench, records)?;
     let overview = data.overview();
     let mut model = Model::new(data.drive_min_v, data.drive_max_v);
-    for (id, values) in [("hysteresis", vec![]), ("initial_curve", vec![0.0; 4]), ("vibration", vec![4000.0, 0.6]), ("creep", vec![])] {
+    for (id, values) in [
+        ("hysteresis", vec![]),
+        ("initial_curve", vec![0.0; 4]),
+        ("vibration", vec![4000.0, 0.6]),
+        ("creep", vec![]),
+    ] {
         model.add(instance(id, &overview, &values)?);
     }
     let fitted = fit(&model, &data, &[0, 1, 2], Effort::default()).model;
@@ -436,8 +610,15 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     }
     let slow = waveform::half_cosines(fs, 0.05, &levels);
     let fast = waveform::half_cosines(fs, 0.005, &levels);
-    let rest = waveform::hold(fs, 40.0, (100_000.0 - (slow.len() + fast.len() + 200) as f64) / fs);
-    let step = waveform::concatenate(&[waveform::half_cosines(fs, 0.01, &[0.0, 40.0])[1..].to_vec(), rest]);
+    let rest = waveform::hold(
+        fs,
+        40.0,
+        (100_000.0 - (slow.len() + fast.len() + 200) as f64) / fs,
+    );
+    let step = waveform::concatenate(&[
+        waveform::half_cosines(fs, 0.01, &[0.0, 40.0])[1..].to_vec(),
+        rest,
+    ]);
     let records = [slow, fast, step]
         .into_iter()
         .enumerate()
@@ -449,10 +630,18 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     let data = dataset(bench, records)?;
     let overview = data.overview();
     let mut model = Model::new(data.drive_min_v, data.drive_max_v);
-    for (id, values) in [("hysteresis", vec![]), ("initial_curve", vec![0.0; 4]), ("vibration", vec![4000.0, 0.6]), ("creep", vec![])] {
+    for (id, values) in [
+        ("hysteresis", vec![]),
+        ("initial_curve", vec![0.0; 4]),
+        ("vibration", vec![4000.0, 0.6]),
+        ("creep", vec![]),
+    ] {
         model.add(instance(id, &overview, &values)?);
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string())?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .map_err(|e| e.to_string())?;
     let from = std::time::Instant::now();
     let fitted = pool.install(|| fit(&model, &data, &[0, 1, 2], Effort::default()));
     Ok((from.elapsed().as_secs_f64(), fitted.rms_um))
@@ -462,19 +651,41 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
 /// creep.
 fn chain_as_printed(bench: &Bench) -> Option<ThesisChain> {
     let (natural_frequency_rad_s, damping_ratio) = mode_by_phase(bench, &mut Vec::new()).ok()?.0;
-    let surfaces = surfaces_by_force(bench, natural_frequency_rad_s, damping_ratio, Derivatives::AlphaBetaGamma)?;
-    let chain = ThesisChain { surfaces, natural_frequency_rad_s, damping_ratio, creep: None };
-    let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(bench.converters.sample_rate_hz, 30.0, 30.0), 551);
+    let surfaces = surfaces_by_force(
+        bench,
+        natural_frequency_rad_s,
+        damping_ratio,
+        Derivatives::AlphaBetaGamma,
+    )?;
+    let chain = ThesisChain {
+        surfaces,
+        natural_frequency_rad_s,
+        damping_ratio,
+        creep: None,
+    };
+    let step = bench.record(
+        Variant::FULL,
+        Start::Virgin,
+        &waveform::hold(bench.converters.sample_rate_hz, 30.0, 30.0),
+        551,
+    );
     let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v)?;
     // An ARX model that is not stable has no continuous form: the chain then has no creep.
-    Some(ThesisChain { creep: creep.system, ..chain })
+    Some(ThesisChain {
+        creep: creep.system,
+        ..chain
+    })
 }
 
 /// The mode from the phase response to small sines (4.B), with Fig. 6.
 fn mode_by_phase(bench: &Bench, rows: &mut Vec<ChapterRow>) -> Result<((f64, f64), Plot), String> {
     let response = phase_response(bench);
-    let residuals =
-        |p: &[f64]| -> Vec<f64> { response.iter().map(|(hz, phase)| second_order_phase(*hz, p[0], p[1]) + p[2] - phase).collect() };
+    let residuals = |p: &[f64]| -> Vec<f64> {
+        response
+            .iter()
+            .map(|(hz, phase)| second_order_phase(*hz, p[0], p[1]) + p[2] - phase)
+            .collect()
+    };
     let mode = least_squares::nonlinear(&residuals, &[4000.0, 0.6, 0.0], &[4000.0, 0.6, 0.1], None)
         .ok_or("the phase response could not be fitted")?;
     let (frequency, damping) = (mode.values[0], mode.values[1]);
@@ -484,7 +695,12 @@ fn mode_by_phase(bench: &Bench, rows: &mut Vec<ChapterRow>) -> Result<((f64, f64
         "rad/s",
         "phase response to 3 V sines, Levenberg-Marquardt; bandwidths and second mode of the full bench are in it",
     ));
-    rows.push(ChapterRow::new("ch5.phase.damping_ratio", damping, "1", "the same"));
+    rows.push(ChapterRow::new(
+        "ch5.phase.damping_ratio",
+        damping,
+        "1",
+        "the same",
+    ));
     rows.push(ChapterRow::new(
         "ch5.phase.hysteresis",
         mode.values[2].to_degrees(),
@@ -505,7 +721,11 @@ fn mode_by_phase(bench: &Bench, rows: &mut Vec<ChapterRow>) -> Result<((f64, f64
             "second order",
             CurveRole::Model,
             fine.clone(),
-            fine.iter().map(|hz| (second_order_phase(*hz, frequency, damping) + mode.values[2]).to_degrees()).collect(),
+            fine.iter()
+                .map(|hz| {
+                    (second_order_phase(*hz, frequency, damping) + mode.values[2]).to_degrees()
+                })
+                .collect(),
         ));
     Ok(((frequency, damping), figure_6))
 }
@@ -516,7 +736,10 @@ fn creep_after_a_step(creep: &Creep, rows: &mut Vec<ChapterRow>) -> Plot {
         "ch5.creep.rms",
         rms(&difference(&creep.measured_um, &creep.simulated_um)),
         "um",
-        format!("ARX creep over 30 s (Fig. 7); G2 = {:.4?} / {:.4?}", creep.numerator, creep.denominator),
+        format!(
+            "ARX creep over 30 s (Fig. 7); G2 = {:.4?} / {:.4?}",
+            creep.numerator, creep.denominator
+        ),
     ));
     for (part, coefficients) in [("num", &creep.numerator), ("den", &creep.denominator)] {
         for (power, value) in coefficients.iter().rev().enumerate() {
@@ -531,16 +754,37 @@ fn creep_after_a_step(creep: &Creep, rows: &mut Vec<ChapterRow>) -> Plot {
     Plot::new("Fig. 7: creep after a step to 30 V")
         .x_axis("time", "s")
         .y_axis("creep", "um")
-        .with(Series::line("measured", CurveRole::Measured, creep.times_s.clone(), creep.measured_um.clone()))
-        .with(Series::line("model", CurveRole::Model, creep.times_s.clone(), creep.simulated_um.clone()).style(Style::Dashed))
+        .with(Series::line(
+            "measured",
+            CurveRole::Measured,
+            creep.times_s.clone(),
+            creep.measured_um.clone(),
+        ))
+        .with(
+            Series::line(
+                "model",
+                CurveRole::Model,
+                creep.times_s.clone(),
+                creep.simulated_um.clone(),
+            )
+            .style(Style::Dashed),
+        )
 }
 
 /// What is left by the two joint fits, and the values of the first beside the surfaces.
 fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mut Vec<ChapterRow>) {
     let all: Vec<usize> = (0..data.records.len()).collect();
     for (id, model, form) in [
-        ("ch5.joint.residual", &joint, "twelve terms of creep with shares of either sign"),
-        ("ch5.joint_positive_creep.residual", &positive, "four terms of creep with positive shares: what limits it"),
+        (
+            "ch5.joint.residual",
+            &joint,
+            "twelve terms of creep with shares of either sign",
+        ),
+        (
+            "ch5.joint_positive_creep.residual",
+            &positive,
+            "four terms of creep with positive shares: what limits it",
+        ),
     ] {
         rows.push(ChapterRow::new(
             id,
@@ -550,8 +794,17 @@ fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mu
         ));
     }
     for effect in &joint.effects {
-        for p in effect.parameters.iter().filter(|_| effect.id != "hysteresis" && effect.id != "initial_curve") {
-            rows.push(ChapterRow::new(format!("ch5.joint.{}.{}", effect.id, p.parameter.name), p.value, &p.parameter.unit, "joint fit"));
+        for p in effect
+            .parameters
+            .iter()
+            .filter(|_| effect.id != "hysteresis" && effect.id != "initial_curve")
+        {
+            rows.push(ChapterRow::new(
+                format!("ch5.joint.{}.{}", effect.id, p.parameter.name),
+                p.value,
+                &p.parameter.unit,
+                "joint fit",
+            ));
         }
     }
 }
@@ -571,40 +824,84 @@ struct Identified<'a> {
 }
 
 /// Table 2 and Fig. 9: every identified model against half-cosines of rising frequency.
-fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<ChapterRow>) -> (Table, Vec<PageBlock>) {
+fn validation(
+    bench: &Bench,
+    identified: &Identified<'_>,
+    rows: &mut Vec<ChapterRow>,
+) -> (Table, Vec<PageBlock>) {
     let fs = bench.converters.sample_rate_hz;
-    let Identified { noisy_chain, chain, filter_chain, joint, positive } = *identified;
+    let Identified {
+        noisy_chain,
+        chain,
+        filter_chain,
+        joint,
+        positive,
+    } = *identified;
     let noisy_bench = with_printed_noise(bench);
     let mut table = Table {
         title: "Validation on the full bench (Table 2), um".into(),
-        columns: ["1/T_v", "thesis' chain RMS", "max", "joint fit RMS", "max"].map(String::from).to_vec(),
+        columns: ["1/T_v", "thesis' chain RMS", "max", "joint fit RMS", "max"]
+            .map(String::from)
+            .to_vec(),
         ..Table::default()
     };
     let mut validation_blocks = Vec::new();
     for hz in VALIDATION_HZ {
         let drive = waveform::half_cosines(fs, 0.5 / hz, &FIGURE_8_V);
         let measured = bench.record(Variant::FULL, Start::Virgin, &drive, 570);
-        let by_chain = difference(&measured.noise_free_um, &chain.simulate(bench, &measured.drive_v));
-        let by_filter = difference(&measured.noise_free_um, &filter_chain.simulate(bench, &measured.drive_v));
+        let by_chain = difference(
+            &measured.noise_free_um,
+            &chain.simulate(bench, &measured.drive_v),
+        );
+        let by_filter = difference(
+            &measured.noise_free_um,
+            &filter_chain.simulate(bench, &measured.drive_v),
+        );
         let drive_of_joint = Drive::held(&measured.drive_v, 1.0 / fs, InitialState::Virgin);
         let joint_um = joint.simulate(&drive_of_joint);
         let by_joint = difference(&measured.noise_free_um, &joint_um);
         let by_positive = difference(&measured.noise_free_um, &positive.simulate(&drive_of_joint));
         let played = noisy_bench.record(Variant::FULL, Start::Virgin, &drive, 570);
-        let by_noisy = difference(&played.reading_um, &noisy_chain.simulate(bench, &played.drive_v));
+        let by_noisy = difference(
+            &played.reading_um,
+            &noisy_chain.simulate(bench, &played.drive_v),
+        );
         let mut add = |by: &str, error: &[f64], note: &str| {
             let key = format!("Fig. 8 at {hz:.0} Hz");
-            rows.push(ChapterRow::new(format!("ch5.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 570));
-            rows.push(ChapterRow::new(format!("ch5.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 570));
+            rows.push(
+                ChapterRow::new(format!("ch5.{by}.{hz:.0}hz.rms"), rms(error), "um", note)
+                    .on(&key, 570),
+            );
+            rows.push(
+                ChapterRow::new(
+                    format!("ch5.{by}.{hz:.0}hz.max"),
+                    largest(error),
+                    "um",
+                    note,
+                )
+                .on(&key, 570),
+            );
         };
-        add("joint", &by_joint, "joint fit of the whole chain to noisy records: the bench's own equations");
-        add("chain", &by_chain, "the thesis' identifications one after another, derivatives by local polynomials");
+        add(
+            "joint",
+            &by_joint,
+            "joint fit of the whole chain to noisy records: the bench's own equations",
+        );
+        add(
+            "chain",
+            &by_chain,
+            "the thesis' identifications one after another, derivatives by local polynomials",
+        );
         add(
             "filter_chain",
             &by_filter,
             "the thesis' identifications, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata)",
         );
-        add("noisy", &by_noisy, "as printed, the thesis' noise in all records, error of the reading");
+        add(
+            "noisy",
+            &by_noisy,
+            "as printed, the thesis' noise in all records, error of the reading",
+        );
         rows.push(ChapterRow::new(
             format!("ch5.joint.{hz:.0}hz.better"),
             rms(&by_chain) / rms(&by_joint).max(f64::MIN_POSITIVE),
@@ -631,16 +928,34 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Chapter
                     .x_axis("time", "ms")
                     .y_axis("displacement", "um")
                     .link(&format!("v{hz:.0}"))
-                    .with(Series::line("measured", CurveRole::Measured, t.clone(), measured.reading_um.clone()))
-                    .with(Series::line("joint fit", CurveRole::Model, t.clone(), joint_um).style(Style::Dashed)),
+                    .with(Series::line(
+                        "measured",
+                        CurveRole::Measured,
+                        t.clone(),
+                        measured.reading_um.clone(),
+                    ))
+                    .with(
+                        Series::line("joint fit", CurveRole::Model, t.clone(), joint_um)
+                            .style(Style::Dashed),
+                    ),
             ));
             validation_blocks.push(PageBlock::Plot(
                 Plot::new(format!("Fig. 9: {hz:.0} Hz, error"))
                     .x_axis("time", "ms")
                     .y_axis("error", "um")
                     .link(&format!("v{hz:.0}"))
-                    .with(Series::line("joint fit", CurveRole::Model, t.clone(), by_joint))
-                    .with(Series::line("thesis' chain", CurveRole::Other1, t, by_chain)),
+                    .with(Series::line(
+                        "joint fit",
+                        CurveRole::Model,
+                        t.clone(),
+                        by_joint,
+                    ))
+                    .with(Series::line(
+                        "thesis' chain",
+                        CurveRole::Other1,
+                        t,
+                        by_chain,
+                    )),
             ));
         }
     }
@@ -650,12 +965,15 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Chapter
 /// Fig. 8: the drive of the validation.
 fn drive_of_validation(fs: f64) -> Plot {
     let drive = waveform::half_cosines(fs, 0.005, &FIGURE_8_V);
-    Plot::new("Fig. 8: drive of the validation").x_axis("time over T_v", "1").y_axis("drive", "V").with(Series::line(
-        "drive",
-        CurveRole::Drive,
-        (0..drive.len()).map(|k| k as f64 / fs * 100.0).collect(),
-        drive,
-    ))
+    Plot::new("Fig. 8: drive of the validation")
+        .x_axis("time over T_v", "1")
+        .y_axis("drive", "V")
+        .with(Series::line(
+            "drive",
+            CurveRole::Drive,
+            (0..drive.len()).map(|k| k as f64 / fs * 100.0).collect(),
+            drive,
+        ))
 }
 
 /// How long a full identification takes.
@@ -665,14 +983,17 @@ fn timing(bench: &Bench) -> Result<ChapterRow, String> {
         "ch5.full_identification.seconds",
         seconds,
         "s",
-        format!("surfaces, mode and creep from 100,000 samples on one core, wall clock; residual {residual:.4} um RMS"),
+        format!(
+            "surfaces, mode and creep from 100,000 samples on one core, wall clock; residual {residual:.4} um RMS"
+        ),
     ))
 }
 
 /// Whether standard deviations say how far estimates are from the truth.
 fn coverage(bench: &Bench) -> Result<ChapterRow, String> {
     let (truth, template) = coverage_case(bench)?;
-    let covered = super::coverage::coverage(&truth, &template, bench.converters.sensor_noise_um, 100);
+    let covered =
+        super::coverage::coverage(&truth, &template, bench.converters.sensor_noise_um, 100);
     Ok(ChapterRow::new(
         "ch5.coverage.pct",
         100.0 * covered.within_three_sigma,
@@ -705,31 +1026,64 @@ pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chap
 
     progress("chapter 5: hysteresis surfaces from displacement and derivatives");
     let chain_with = |how: Derivatives| -> Result<ThesisChain, String> {
-        let surfaces = surfaces_by_force(bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
-        Ok(ThesisChain { surfaces, natural_frequency_rad_s: mode.0, damping_ratio: mode.1, creep: None })
+        let surfaces =
+            surfaces_by_force(bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
+        Ok(ThesisChain {
+            surfaces,
+            natural_frequency_rad_s: mode.0,
+            damping_ratio: mode.1,
+            creep: None,
+        })
     };
     let mut filter_chain = chain_with(Derivatives::AlphaBetaGamma)?;
     let mut chain = chain_with(Derivatives::LocalPolynomial)?;
 
     progress("chapter 5: creep from a step to 30 V over 30 s");
-    let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(fs, 30.0, 30.0), 550);
-    let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
+    let step = bench.record(
+        Variant::FULL,
+        Start::Virgin,
+        &waveform::hold(fs, 30.0, 30.0),
+        550,
+    );
+    let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v)
+        .ok_or("creep could not be fitted")?;
     chain.creep = creep.system.clone();
     filter_chain.creep = creep.system.clone();
     let figure_7 = creep_after_a_step(&creep, &mut rows);
 
     progress("chapter 5: the same with the thesis' noise");
     let noisy_bench = with_printed_noise(bench);
-    let noisy_chain = chain_as_printed(&noisy_bench).ok_or("the thesis' chain could not be identified with its noise")?;
+    let noisy_chain = chain_as_printed(&noisy_bench)
+        .ok_or("the thesis' chain could not be identified with its noise")?;
 
     progress("chapter 5: joint fit of the whole chain");
-    let data = dataset(bench, joint_records(bench, (&step.drive_v, &step.reading_um)))?;
+    let data = dataset(
+        bench,
+        joint_records(bench, (&step.drive_v, &step.reading_um)),
+    )?;
     let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
-    let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
-    let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
+    let joint = joint_fit(
+        &data,
+        mode,
+        sensor_bandwidth_hz,
+        JointCreep::Signed,
+        progress,
+    )?;
+    let positive = joint_fit(
+        &data,
+        mode,
+        sensor_bandwidth_hz,
+        JointCreep::Positive,
+        progress,
+    )?;
     rows_of_joint_fits(&data, &joint, &positive, &mut rows);
-    let identified =
-        Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
+    let identified = Identified {
+        noisy_chain: &noisy_chain,
+        chain: &chain,
+        filter_chain: &filter_chain,
+        joint: &joint,
+        positive: &positive,
+    };
     let (table, figures_9) = validation(bench, &identified, &mut rows);
 
     progress("chapter 5: timing of a full identification of 100,000 samples");
@@ -744,7 +1098,12 @@ pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chap
         text: "Full bench: a second mode and the bandwidths of amplifier and sensor are in the records. The thesis' chain of identifications stands beside the joint fit of all parameters at once.".into(),
         blocks: figures.into_iter().chain([PageBlock::Table(table)]).chain(figures_9).chain([PageBlock::Notes(notes())]).collect(),
     }];
-    Ok(Chapter { number: 5, rows, sections, choices: Vec::new() })
+    Ok(Chapter {
+        number: 5,
+        rows,
+        sections,
+        choices: Vec::new(),
+    })
 }
 
 #[cfg(test)]
@@ -755,7 +1114,10 @@ mod tests {
     fn the_printed_gamma_is_unstable_and_kalatas_is_not() {
         let after = |gamma: f64| {
             let mut filter = AlphaBetaGamma::new(PRINTED_ALPHA, PRINTED_BETA, gamma);
-            (0..20_000).map(|_| filter.step(1.0, 5e-5)[0]).last().unwrap()
+            (0..20_000)
+                .map(|_| filter.step(1.0, 5e-5)[0])
+                .last()
+                .unwrap()
         };
         assert!((after(2.4e-3) - 1.0).abs() > 1e3);
         assert!((after(PRINTED_BETA * PRINTED_BETA / PRINTED_ALPHA) - 1.0).abs() < 1e-6);

@@ -43,7 +43,12 @@ pub fn drive_v(sample_rate_hz: f64, low_v: f64, high_v: f64) -> Vec<f64> {
     for peak in [0.3, 0.55, 0.8, 1.0] {
         levels.extend([at(peak), at(0.0)]);
     }
-    levels.extend([1.0, 0.3, 0.8, 0.45, 0.7, 0.1, 0.5, 0.2, 0.4, 0.0, 0.9, 0.6, 0.75, 0.15, 0.0].map(at));
+    levels.extend(
+        [
+            1.0, 0.3, 0.8, 0.45, 0.7, 0.1, 0.5, 0.2, 0.4, 0.0, 0.9, 0.6, 0.75, 0.15, 0.0,
+        ]
+        .map(at),
+    );
     let period = 2000;
     let lines: Vec<usize> = (1..=800).step_by(3).collect();
     waveform::concatenate(&[
@@ -63,11 +68,28 @@ pub fn drive_v(sample_rate_hz: f64, low_v: f64, high_v: f64) -> Vec<f64> {
 /// Plays the experiment on a variant of the bench and identifies the model.
 #[must_use]
 pub fn on_bench(bench: &Bench, variant: Variant, seed: u64) -> Option<CommissionedStage> {
-    let drive = drive_v(bench.converters.sample_rate_hz, bench.drive_min_v, bench.drive_max_v);
+    let drive = drive_v(
+        bench.converters.sample_rate_hz,
+        bench.drive_min_v,
+        bench.drive_max_v,
+    );
     let record = bench.record(variant, Start::Virgin, &drive, seed);
-    let record = Record::new("commissioning", record.sample_rate_hz, record.drive_v, record.reading_um).from_virgin_state();
-    let dataset = Dataset::new(&bench.name, bench.drive_min_v, bench.drive_max_v, vec![record]).ok()?;
-    let data_sheet_hz = (variant.completeness == Completeness::Full).then(|| bench.data_sheet_sensor_bandwidth_hz());
+    let record = Record::new(
+        "commissioning",
+        record.sample_rate_hz,
+        record.drive_v,
+        record.reading_um,
+    )
+    .from_virgin_state();
+    let dataset = Dataset::new(
+        &bench.name,
+        bench.drive_min_v,
+        bench.drive_max_v,
+        vec![record],
+    )
+    .ok()?;
+    let data_sheet_hz = (variant.completeness == Completeness::Full)
+        .then(|| bench.data_sheet_sensor_bandwidth_hz());
     identify(&dataset, data_sheet_hz)
 }
 
@@ -81,7 +103,11 @@ fn instance(id: &str, overview: &Overview, values: &[f64]) -> Option<EffectInsta
 pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<CommissionedStage> {
     let overview = dataset.overview();
     let records: Vec<usize> = dataset.with_role(Role::Identify);
-    let quick = Effort { iterations: 4, tolerance: 1.0, ..Effort::default() };
+    let quick = Effort {
+        iterations: 4,
+        tolerance: 1.0,
+        ..Effort::default()
+    };
     let mut steps = Vec::new();
     let mut model = Model::new(dataset.drive_min_v, dataset.drive_max_v);
     for id in ["hysteresis", "initial_curve"] {
@@ -99,12 +125,30 @@ pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<C
         let starts = by_id(id)?.starts(&overview);
         starts
             .iter()
-            .filter_map(|start| Some(fit(&with_effect(model, instance(id, &overview, start)?), dataset, &records, effort)))
+            .filter_map(|start| {
+                Some(fit(
+                    &with_effect(model, instance(id, &overview, start)?),
+                    dataset,
+                    &records,
+                    effort,
+                ))
+            })
             .min_by(|a, b| a.rms_um.total_cmp(&b.rms_um))
     };
     let mut best = best_of(&model, "vibration", quick)?;
-    steps.push(("hysteresis, initial_curve, vibration".to_string(), best.rms_um));
-    best = fit(&with_effect(&best.model, with_signed_shares(&overview, &CREEP_TIME_CONSTANTS_S)), dataset, &records, Effort::default());
+    steps.push((
+        "hysteresis, initial_curve, vibration".to_string(),
+        best.rms_um,
+    ));
+    best = fit(
+        &with_effect(
+            &best.model,
+            with_signed_shares(&overview, &CREEP_TIME_CONSTANTS_S),
+        ),
+        dataset,
+        &records,
+        Effort::default(),
+    );
     steps.push(("creep".to_string(), best.rms_um));
     if sensor_bandwidth_hz.is_some() {
         let second = best_of(&best.model, "second_mode", quick)?;
@@ -114,13 +158,27 @@ pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<C
         }
         let start_hz = sensor_bandwidth_hz.unwrap_or(1e4);
         let amplifier = instance("amplifier_bandwidth", &overview, &[start_hz])?;
-        let fine = Effort { iterations: 30, tolerance: 0.01, ..Effort::default() };
-        let with_amplifier = fit(&with_effect(&best.model, amplifier), dataset, &records, fine);
+        let fine = Effort {
+            iterations: 30,
+            tolerance: 0.01,
+            ..Effort::default()
+        };
+        let with_amplifier = fit(
+            &with_effect(&best.model, amplifier),
+            dataset,
+            &records,
+            fine,
+        );
         if with_amplifier.rms_um < best.rms_um {
             best = with_amplifier;
             steps.push(("amplifier_bandwidth".to_string(), best.rms_um));
         }
     }
     let chain = best.model;
-    Some(CommissionedStage { model: actuator_model(&chain)?, chain, rms_um: best.rms_um, steps })
+    Some(CommissionedStage {
+        model: actuator_model(&chain)?,
+        chain,
+        rms_um: best.rms_um,
+        steps,
+    })
 }

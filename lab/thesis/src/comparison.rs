@@ -1,7 +1,9 @@
 //! Schemes beside the best design of Chapter 7: the thesis' two designed under one set of margins, and others
 //! that a reader will ask for, on the full bench with the target's period of delay.
 
-use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking};
+use crate::bench_runs::{
+    Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking,
+};
 use crate::chapter::ChapterRow;
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
@@ -21,7 +23,19 @@ struct Job<'a> {
 }
 
 fn followed(jobs: &[Job<'_>]) -> Vec<ChapterRow> {
-    jobs.par_iter().map(|j| tracking(j.bench, j.variant, &j.design, &j.id, j.hz, 5.0, &j.condition)).collect()
+    jobs.par_iter()
+        .map(|j| {
+            tracking(
+                j.bench,
+                j.variant,
+                &j.design,
+                &j.id,
+                j.hz,
+                5.0,
+                &j.condition,
+            )
+        })
+        .collect()
 }
 
 /// Schemes that are designed under one set of margins, with their names in the rows.
@@ -36,27 +50,44 @@ const DESIGNED: [(SchemeChoice, &str); 4] = [
 /// identified of the bench and under the same margins, with the period of delay, with and without the
 /// hysteresis inverted.
 #[must_use]
-pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<ChapterRow> {
+pub fn rows_of_designed_schemes(
+    bench: &Bench,
+    commissioned: &[Option<Commissioned>],
+) -> Vec<ChapterRow> {
     let mut cases = Vec::new();
     for (index, variant, load) in [(1, Variant::FULL, "none"), (2, LOADED, "load")] {
-        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else {
+            continue;
+        };
         for (choice, id) in DESIGNED {
             cases.extend([false, true].map(|inverse| (c, variant, load, choice, id, inverse)));
         }
     }
     let designs: Vec<_> = cases
         .into_iter()
-        .map(|(c, variant, load, choice, id, inverse)| (variant, load, id, inverse, designed(c, choice, inverse)))
+        .map(|(c, variant, load, choice, id, inverse)| {
+            (variant, load, id, inverse, designed(c, choice, inverse))
+        })
         .collect();
     let mut jobs = Vec::new();
     let mut rows = Vec::new();
     for (variant, load, id, inverse, design) in designs {
-        let group = if inverse { "designed_inverse" } else { "designed" };
+        let group = if inverse {
+            "designed_inverse"
+        } else {
+            "designed"
+        };
         let Some(design) = design else {
-            rows.push(row_um(format!("ch7.{group}.{id}.{load}.refused"), f64::NAN, "no gains keep the margins"));
+            rows.push(row_um(
+                format!("ch7.{group}.{id}.{load}.refused"),
+                f64::NAN,
+                "no gains keep the margins",
+            ));
             continue;
         };
-        let radius = design.law().map_or(f64::NAN, |law| law.spectral_radius(&design.model.linear.sampled(), 1.0, 0));
+        let radius = design.law().map_or(f64::NAN, |law| {
+            law.spectral_radius(&design.model.linear.sampled(), 1.0, 0)
+        });
         for hz in FREQUENCIES_HZ {
             jobs.push(Job {
                 id: format!("ch7.{group}.{id}.{hz}hz.{load}.rms"),
@@ -92,13 +123,18 @@ const WRONG_GAIN: f64 = 0.9;
 
 /// Other schemes on the full bench, the best design without its second mode, and without noise shaping.
 #[must_use]
-pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<ChapterRow> {
+pub fn rows_of_other_schemes(
+    bench: &Bench,
+    commissioned: &[Option<Commissioned>],
+) -> Vec<ChapterRow> {
     let mut twelve_bits = bench.clone();
     twelve_bits.converters.dac_bits = 12;
     let mut jobs = Vec::new();
     let mut rows = Vec::new();
     for (index, variant, load) in [(1, Variant::FULL, "none"), (2, LOADED, "load")] {
-        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else {
+            continue;
+        };
         for name in OTHER_SCHEMES {
             match with_scheme(&c.design, name) {
                 Ok(design) => jobs.extend(FREQUENCIES_HZ.map(|hz| Job {
@@ -107,9 +143,16 @@ pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>
                     variant,
                     design: design.clone(),
                     hz,
-                    condition: format!("{hz} Hz, {load}, full bench, one period of delay, {:?}", design.scheme),
+                    condition: format!(
+                        "{hz} Hz, {load}, full bench, one period of delay, {:?}",
+                        design.scheme
+                    ),
                 })),
-                Err(reason) => rows.push(row_um(format!("ch7.compare.{name}.{load}.rms"), f64::NAN, reason)),
+                Err(reason) => rows.push(row_um(
+                    format!("ch7.compare.{name}.{load}.rms"),
+                    f64::NAN,
+                    reason,
+                )),
             }
         }
         let mut without = c.identified.model.for_the_tick().0;
@@ -137,7 +180,10 @@ pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>
             Err(reason) => rows.push(row_um(format!("ch7.compare.predictor-learning.{load}.rms"), f64::NAN, reason)),
         }
         // A gain that is not the model's, left to the unknown input and corrected.
-        let wrong = ServoDesign { model: c.design.model.with_gain(WRONG_GAIN), ..c.design.clone() };
+        let wrong = ServoDesign {
+            model: c.design.model.with_gain(WRONG_GAIN),
+            ..c.design.clone()
+        };
         for name in ["predictor", "predictor-adaptive"] {
             match with_scheme(&wrong, name) {
                 Ok(design) => jobs.extend([10.0, 50.0, 150.0].map(|hz| Job {
@@ -153,7 +199,10 @@ pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>
                 Err(reason) => rows.push(row_um(format!("ch7.compare.gain_10_off.{name}.{load}.rms"), f64::NAN, reason)),
             }
         }
-        let unshaped = ServoDesign { noise_shaping: false, ..c.design.clone() };
+        let unshaped = ServoDesign {
+            noise_shaping: false,
+            ..c.design.clone()
+        };
         jobs.extend([1.0, 50.0].map(|hz| Job {
             id: format!("ch7.best.{hz}hz.{load}.full.dac12_unshaped.rms"),
             bench: &twelve_bits,

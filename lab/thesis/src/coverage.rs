@@ -27,7 +27,11 @@ pub struct Coverage {
 #[must_use]
 pub fn coverage(truth: &Model, template: &Dataset, noise_um: f64, seeds: u64) -> Coverage {
     let free = free_parameters(truth);
-    let clean: Vec<Vec<f64>> = template.records.iter().map(|r| truth.simulate(&r.whole_drive())).collect();
+    let clean: Vec<Vec<f64>> = template
+        .records
+        .iter()
+        .map(|r| truth.simulate(&r.whole_drive()))
+        .collect();
     let hits: Vec<Vec<bool>> = (0..seeds)
         .into_par_iter()
         .map(|seed| {
@@ -36,32 +40,64 @@ pub fn coverage(truth: &Model, template: &Dataset, noise_um: f64, seeds: u64) ->
                 .records
                 .iter()
                 .zip(&clean)
-                .map(|(record, signal)| Record { displacement_um: signal.iter().map(|y| y + noise.next_um()).collect(), ..record.clone() })
+                .map(|(record, signal)| Record {
+                    displacement_um: signal.iter().map(|y| y + noise.next_um()).collect(),
+                    ..record.clone()
+                })
                 .collect();
-            let data = Dataset { records, ..template.clone() };
+            let data = Dataset {
+                records,
+                ..template.clone()
+            };
             let all: Vec<usize> = (0..data.records.len()).collect();
             // A start that is wrong by a tenth, up and down in turn.
             let mut start = truth.clone();
             for (k, index) in free.iter().enumerate() {
                 let value = &mut start.effects[index.effect].parameters[index.parameter];
-                value.value = (value.value * if k % 2 == 0 { 1.1 } else { 0.9 }).clamp(value.parameter.lower, value.parameter.upper);
+                value.value = (value.value * if k % 2 == 0 { 1.1 } else { 0.9 })
+                    .clamp(value.parameter.lower, value.parameter.upper);
             }
-            let mut fitted = fit(&start, &data, &all, Effort { relative: 0.0, ..Effort::default() }).model;
+            let mut fitted = fit(
+                &start,
+                &data,
+                &all,
+                Effort {
+                    relative: 0.0,
+                    ..Effort::default()
+                },
+            )
+            .model;
             estimate_uncertainty(&mut fitted, &data, &all);
             free.iter()
                 .map(|index| {
                     let estimate = &fitted.effects[index.effect].parameters[index.parameter];
                     let true_value = truth.effects[index.effect].parameters[index.parameter].value;
-                    estimate.std.is_some_and(|std| (estimate.value - true_value).abs() <= 3.0 * std)
+                    estimate
+                        .std
+                        .is_some_and(|std| (estimate.value - true_value).abs() <= 3.0 * std)
                 })
                 .collect()
         })
         .collect();
     let share = |k: usize| hits.iter().filter(|h| h[k]).count() as f64 / seeds.max(1) as f64;
     let shares: Vec<f64> = (0..free.len()).map(share).collect();
-    let worst = shares.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).map_or((String::new(), 1.0), |(k, s)| {
-        let effect = &truth.effects[free[k].effect];
-        (format!("{}.{}", effect.id, effect.parameters[free[k].parameter].parameter.name), *s)
-    });
-    Coverage { within_three_sigma: shares.iter().sum::<f64>() / shares.len().max(1) as f64, worst, seeds }
+    let worst = shares
+        .iter()
+        .enumerate()
+        .min_by(|a, b| a.1.total_cmp(b.1))
+        .map_or((String::new(), 1.0), |(k, s)| {
+            let effect = &truth.effects[free[k].effect];
+            (
+                format!(
+                    "{}.{}",
+                    effect.id, effect.parameters[free[k].parameter].parameter.name
+                ),
+                *s,
+            )
+        });
+    Coverage {
+        within_three_sigma: shares.iter().sum::<f64>() / shares.len().max(1) as f64,
+        worst,
+        seeds,
+    }
 }

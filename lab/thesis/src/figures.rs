@@ -10,7 +10,8 @@ use hysteron::servo::check::sliding_surface_parameter;
 use hysteron::servo::design::{Form, Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::thesis_schemes::{
-    AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows,
+    AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw,
+    estimator_rows,
 };
 use hysteron::spectrum::amplitude_density;
 use hysteron::statistics::difference;
@@ -22,7 +23,11 @@ use hysteron_sim::waveform;
 const APART: f64 = 0.05;
 
 /// Errors over frequency: one curve for each group of rows `prefix.<hz>hz.suffix`.
-fn over_frequency(title: &str, rows: &[ChapterRow], curves: &[(&str, &str, &str, CurveRole)]) -> Plot {
+fn over_frequency(
+    title: &str,
+    rows: &[ChapterRow],
+    curves: &[(&str, &str, &str, CurveRole)],
+) -> Plot {
     let mut plot =
         Plot::new(title).x_axis("frequency", "Hz").y_axis("RMS error", "um").log(true, true).caption(
             "Of what the sensor reads, noise removed; where the true error is another one it is drawn, and the reading's is dashed.",
@@ -40,8 +45,16 @@ fn over_frequency(title: &str, rows: &[ChapterRow], curves: &[(&str, &str, &str,
         let x: Vec<f64> = points.iter().map(|p| p.0).collect();
         let line = |label: String, y: Vec<f64>| Series::line(label, *role, x.clone(), y);
         let read = line((*label).to_owned(), points.iter().map(|p| p.2).collect());
-        if points.iter().any(|(_, truth, read)| (truth - read).abs() > APART * read) {
-            plot = plot.with(line(format!("{label}, true"), points.iter().map(|p| p.1).collect())).with(read.style(Style::Dashed));
+        if points
+            .iter()
+            .any(|(_, truth, read)| (truth - read).abs() > APART * read)
+        {
+            plot = plot
+                .with(line(
+                    format!("{label}, true"),
+                    points.iter().map(|p| p.1).collect(),
+                ))
+                .with(read.style(Style::Dashed));
         } else {
             plot = plot.with(read);
         }
@@ -68,16 +81,34 @@ fn portrait_of_the_controller() -> Plot {
             - law.pid[1] * (q - last_q)
             - law.pid[2] * sum;
         last_q = q;
-        (y, v) = (a[(0, 0)] * y + a[(0, 1)] * v + b[0] * u, a[(1, 0)] * y + a[(1, 1)] * v + b[1] * u);
+        (y, v) = (
+            a[(0, 0)] * y + a[(0, 1)] * v + b[0] * u,
+            a[(1, 0)] * y + a[(1, 1)] * v + b[1] * u,
+        );
     }
-    portrait("Sliding motion of the controller (Ch. 6, Fig. 5)", e1, e2, gains.m, 5.0)
+    portrait(
+        "Sliding motion of the controller (Ch. 6, Fig. 5)",
+        e1,
+        e2,
+        gains.m,
+        5.0,
+    )
 }
 
 fn portrait(title: &str, e1: Vec<f64>, e2: Vec<f64>, m: f64, reach_um: f64) -> Plot {
-    Plot::new(title).x_axis("e1", "um").y_axis("e2", "um/s").with(Series::line("trajectory", CurveRole::Measured, e1, e2)).with(
-        Series::line("sliding surface e2 = -m e1", CurveRole::Model, vec![-reach_um, reach_um], vec![m * reach_um, -m * reach_um])
+    Plot::new(title)
+        .x_axis("e1", "um")
+        .y_axis("e2", "um/s")
+        .with(Series::line("trajectory", CurveRole::Measured, e1, e2))
+        .with(
+            Series::line(
+                "sliding surface e2 = -m e1",
+                CurveRole::Model,
+                vec![-reach_um, reach_um],
+                vec![m * reach_um, -m * reach_um],
+            )
             .style(Style::Dashed),
-    )
+        )
 }
 
 /// Ch. 6, Fig. 6: integer PIDSMC with the alpha-beta filter on the bench, a step to 5 um.
@@ -89,8 +120,19 @@ fn portrait_on_the_bench(bench: &Bench) -> Option<Plot> {
         reaching: ReachingGains::Pid,
         form: Form::Printed,
     };
-    let trace = run(bench, Variant::PLAIN, &without_model(bench, scheme), &[5.0; 8000], 3).ok()?;
-    let (e1, e2) = trace.sliding_um.iter().map(|s| (s[0], s[1] / SAMPLING_PERIOD_S)).unzip();
+    let trace = run(
+        bench,
+        Variant::PLAIN,
+        &without_model(bench, scheme),
+        &[5.0; 8000],
+        3,
+    )
+    .ok()?;
+    let (e1, e2) = trace
+        .sliding_um
+        .iter()
+        .map(|s| (s[0], s[1] / SAMPLING_PERIOD_S))
+        .unzip();
     Some(
         portrait("PIDSMC + alpha-beta on the bench (Ch. 6, Fig. 6)", e1, e2, ControllerGains::THESIS_SLIDING.m, 1.0)
             .caption("The reference moves to 5 um as its offset decays; the errors are pulled to the surface and slide to the origin."),
@@ -98,10 +140,18 @@ fn portrait_on_the_bench(bench: &Bench) -> Option<Plot> {
 }
 
 /// Ch. 6, Fig. 7: desired against measured, closed loop and open loop.
-fn hysteresis_compensated(bench: &Bench, design: &ServoDesign, variant: Variant, title: &str) -> Option<Plot> {
+fn hysteresis_compensated(
+    bench: &Bench,
+    design: &ServoDesign,
+    variant: Variant,
+    title: &str,
+) -> Option<Plot> {
     let (reference, from) = sine_reference_um(bench, 10.0, 5.0);
     let trace = run(bench, variant, design, &reference, 3).ok()?;
-    let drive: Vec<f64> = reference.iter().map(|w| 6.86 * (w - bench.reference_offset_um + 5.0)).collect();
+    let drive: Vec<f64> = reference
+        .iter()
+        .map(|w| 6.86 * (w - bench.reference_offset_um + 5.0))
+        .collect();
     let open = bench.record(variant, Start::Conditioned, &drive, 3);
     let last_period = |v: &[f64]| v[v.len().saturating_sub(2008)..].to_vec();
     let _ = from;
@@ -116,7 +166,12 @@ fn hysteresis_compensated(bench: &Bench, design: &ServoDesign, variant: Variant,
                 last_period(&reference[..n]),
                 last_period(&open.noise_free_um[..n]),
             ))
-            .with(Series::line("closed loop", CurveRole::Measured, last_period(&trace.reference_um), last_period(&trace.sensor_um))),
+            .with(Series::line(
+                "closed loop",
+                CurveRole::Measured,
+                last_period(&trace.reference_um),
+                last_period(&trace.sensor_um),
+            )),
     )
 }
 
@@ -133,14 +188,33 @@ fn portrait_of_the_observer() -> Plot {
         let signals = [x[0], x[1], x[2], 0.0, 0.0, 0.0];
         x = rows.map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum());
     }
-    portrait("Sliding motion of the observer (Ch. 7, Fig. 7)", e1, e2, sliding_surface_parameter(&model, &gains), 5.25)
+    portrait(
+        "Sliding motion of the observer (Ch. 7, Fig. 7)",
+        e1,
+        e2,
+        sliding_surface_parameter(&model, &gains),
+        5.25,
+    )
 }
 
 /// Ch. 7, Fig. 8: density of the sensor's noise and of what remains of it in the estimate.
 fn noise_suppressed(bench: &Bench) -> Plot {
-    let record = bench.record(Variant::PLAIN, Start::Conditioned, &waveform::hold(1.0 / SAMPLING_PERIOD_S, 0.0, 2.0), 9);
-    let (rows, _) = estimator_rows(&NominalModel::THESIS, &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION));
-    let noise: Vec<f64> = record.reading_um.iter().zip(&record.noise_free_um).map(|(y, s)| y - s).collect();
+    let record = bench.record(
+        Variant::PLAIN,
+        Start::Conditioned,
+        &waveform::hold(1.0 / SAMPLING_PERIOD_S, 0.0, 2.0),
+        9,
+    );
+    let (rows, _) = estimator_rows(
+        &NominalModel::THESIS,
+        &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION),
+    );
+    let noise: Vec<f64> = record
+        .reading_um
+        .iter()
+        .zip(&record.noise_free_um)
+        .map(|(y, s)| y - s)
+        .collect();
     let (mut x, mut last) = ([0.0; 3], 0.0);
     let mut estimate = Vec::with_capacity(noise.len());
     for y in &noise {
@@ -154,11 +228,21 @@ fn noise_suppressed(bench: &Bench) -> Plot {
         .x_axis("frequency", "Hz")
         .y_axis("amplitude density", "um/sqrt(Hz)")
         .log(true, true);
-    for (label, role, signal) in
-        [("sensor", CurveRole::Measured, &noise), ("estimate x1 (PIDSMO 10, 20000, 6e-6)", CurveRole::Model, &estimate)]
-    {
+    for (label, role, signal) in [
+        ("sensor", CurveRole::Measured, &noise),
+        (
+            "estimate x1 (PIDSMO 10, 20000, 6e-6)",
+            CurveRole::Model,
+            &estimate,
+        ),
+    ] {
         let spectrum = amplitude_density(signal, fs);
-        plot = plot.with(Series::line(label, role, spectrum.frequency_hz, spectrum.density));
+        plot = plot.with(Series::line(
+            label,
+            role,
+            spectrum.frequency_hz,
+            spectrum.density,
+        ));
     }
     plot
 }
@@ -166,8 +250,19 @@ fn noise_suppressed(bench: &Bench) -> Plot {
 /// Ch. 7, Fig. 9: estimate and sensor on the drive of Eq. (35).
 fn estimation(bench: &Bench, loaded: bool) -> Plot {
     let drive = equation_35_v(1.0 / SAMPLING_PERIOD_S, 0.23);
-    let record = bench.record(Variant { loaded, ..Variant::FULL }, Start::Conditioned, &drive, 31);
-    let (rows, unknown) = estimator_rows(&NominalModel::THESIS, &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION));
+    let record = bench.record(
+        Variant {
+            loaded,
+            ..Variant::FULL
+        },
+        Start::Conditioned,
+        &drive,
+        31,
+    );
+    let (rows, unknown) = estimator_rows(
+        &NominalModel::THESIS,
+        &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION),
+    );
     let (mut x, mut last) = ([0.0; 3], 0.0);
     let (mut time, mut estimate, mut epsilon) = (Vec::new(), Vec::new(), Vec::new());
     for (k, y) in record.reading_um.iter().enumerate() {
@@ -180,40 +275,87 @@ fn estimation(bench: &Bench, loaded: bool) -> Plot {
         time.push(k as f64 * SAMPLING_PERIOD_S);
         estimate.push(x[0]);
     }
-    let title = if loaded { "Estimation with load (Ch. 7, Fig. 9 c, e)" } else { "Estimation (Ch. 7, Fig. 9 a, e)" };
+    let title = if loaded {
+        "Estimation with load (Ch. 7, Fig. 9 c, e)"
+    } else {
+        "Estimation (Ch. 7, Fig. 9 a, e)"
+    };
     Plot::new(title)
         .x_axis("time", "s")
         .y_axis("displacement, um; unknown input, 10 V", "")
-        .with(Series::line("sensor", CurveRole::Measured, time.clone(), record.noise_free_um))
-        .with(Series::line("estimate x1", CurveRole::Model, time.clone(), estimate))
-        .with(Series::line("estimated unknown input / 10 V", CurveRole::Other1, time, epsilon.into_iter().map(|e| 0.1 * e).collect()))
+        .with(Series::line(
+            "sensor",
+            CurveRole::Measured,
+            time.clone(),
+            record.noise_free_um,
+        ))
+        .with(Series::line(
+            "estimate x1",
+            CurveRole::Model,
+            time.clone(),
+            estimate,
+        ))
+        .with(Series::line(
+            "estimated unknown input / 10 V",
+            CurveRole::Other1,
+            time,
+            epsilon.into_iter().map(|e| 0.1 * e).collect(),
+        ))
 }
 
 /// Ch. 7, Figs. 10-11: the error over two periods at 100 Hz.
 fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant) -> Plot {
     let (reference, _) = sine_reference_um(bench, 100.0, 5.0);
-    let mut plot = Plot::new("Error at 100 Hz (Ch. 7, Figs. 10-11)").x_axis("time", "s").y_axis("error", "um");
+    let mut plot = Plot::new("Error at 100 Hz (Ch. 7, Figs. 10-11)")
+        .x_axis("time", "s")
+        .y_axis("error", "um");
     let mut add = |label: &str, role: CurveRole, variant: Variant, design: &ServoDesign| {
         if let Ok(trace) = run(bench, variant, design, &reference, 7) {
             let from = trace.sensor_um.len().saturating_sub(400);
-            let time: Vec<f64> = (from..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
-            let error = |of_um: &[f64]| of_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect::<Vec<f64>>();
+            let time: Vec<f64> = (from..trace.sensor_um.len())
+                .map(|k| k as f64 * SAMPLING_PERIOD_S)
+                .collect();
+            let error = |of_um: &[f64]| {
+                of_um
+                    .iter()
+                    .zip(&trace.reference_um)
+                    .skip(from)
+                    .map(|(y, r)| y - r)
+                    .collect::<Vec<f64>>()
+            };
             let (truth, read) = (error(&trace.displacement_um), error(&trace.sensor_um));
             if rms(&difference(&truth, &read)) > APART * rms(&read) {
-                plot.series.push(Series::line(format!("{label}, true"), role, Vec::clone(&time), truth));
-                plot.series.push(Series::line(label, role, time, read).style(Style::Dashed));
+                plot.series.push(Series::line(
+                    format!("{label}, true"),
+                    role,
+                    Vec::clone(&time),
+                    truth,
+                ));
+                plot.series
+                    .push(Series::line(label, role, time, read).style(Style::Dashed));
             } else {
                 plot.series.push(Series::line(label, role, time, read));
             }
         }
     };
-    for (label, name, role) in [("PIDSMC + alpha-beta", "pidsmc-alpha-beta", CurveRole::Other2), ("PIDSMOC", "pidsmoc", CurveRole::Other1)]
-    {
+    for (label, name, role) in [
+        (
+            "PIDSMC + alpha-beta",
+            "pidsmc-alpha-beta",
+            CurveRole::Other2,
+        ),
+        ("PIDSMOC", "pidsmoc", CurveRole::Other1),
+    ] {
         if let Some(scheme) = thesis_scheme(name) {
             add(label, role, Variant::PLAIN, &without_model(bench, scheme));
         }
     }
-    add("best design, one period of delay", CurveRole::Measured, variant, &commissioned.design);
+    add(
+        "best design, one period of delay",
+        CurveRole::Measured,
+        variant,
+        &commissioned.design,
+    );
     plot
 }
 
@@ -222,14 +364,27 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
     let trace = crate::robustness::run(design, crate::robustness::PRINTED, 1.5, true, 0.05)?;
     let (reached, reference) = (trace.sensor_um, trace.reference_um);
     let shown = 4000..4800.min(reached.len());
-    let time = shown.clone().map(|k| k as f64 * SAMPLING_PERIOD_S).collect::<Vec<_>>();
+    let time = shown
+        .clone()
+        .map(|k| k as f64 * SAMPLING_PERIOD_S)
+        .collect::<Vec<_>>();
     let error = shown.clone().map(|k| reached[k] - reference[k]).collect();
     Some(
         Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
-            .with(Series::line("desired", CurveRole::Reference, time.clone(), reference[shown.clone()].to_vec()))
-            .with(Series::line("reached", CurveRole::Measured, time.clone(), reached[shown].to_vec()))
+            .with(Series::line(
+                "desired",
+                CurveRole::Reference,
+                time.clone(),
+                reference[shown.clone()].to_vec(),
+            ))
+            .with(Series::line(
+                "reached",
+                CurveRole::Measured,
+                time.clone(),
+                reached[shown].to_vec(),
+            ))
             .with(Series::line("error", CurveRole::Residual, time, error)),
     )
 }
@@ -237,17 +392,28 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
 /// The error on the quasi-step of Ch. 6, Eq. (44).
 fn quasi_step_errors(bench: &Bench, schemes: &[NamedScheme]) -> Plot {
     let reference = quasi_step_um(1.0 / SAMPLING_PERIOD_S, 0.6);
-    let mut plot = Plot::new("Error on the quasi-step of 5 um (Ch. 6, Eq. 44)").x_axis("time", "s").y_axis("error", "um");
+    let mut plot = Plot::new("Error on the quasi-step of 5 um (Ch. 6, Eq. 44)")
+        .x_axis("time", "s")
+        .y_axis("error", "um");
     for (label, id, role) in [
         ("sliding mode", "sm_ab", CurveRole::Other2),
         ("boundary layer", "smcbl", CurveRole::Other3),
         ("PID", "pid", CurveRole::Other1),
         ("PIDSM + alpha-beta", "pidsm_ab", CurveRole::Measured),
     ] {
-        let Some((_, scheme, _)) = schemes.iter().find(|s| s.0 == id) else { continue };
+        let Some((_, scheme, _)) = schemes.iter().find(|s| s.0 == id) else {
+            continue;
+        };
         if let Ok(trace) = run(bench, Variant::PLAIN, scheme, &reference, 7) {
-            let time = (0..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
-            let error = trace.sensor_um.iter().zip(&trace.reference_um).map(|(y, r)| y - r).collect();
+            let time = (0..trace.sensor_um.len())
+                .map(|k| k as f64 * SAMPLING_PERIOD_S)
+                .collect();
+            let error = trace
+                .sensor_um
+                .iter()
+                .zip(&trace.reference_um)
+                .map(|(y, r)| y - r)
+                .collect();
             plot = plot.with(Series::line(label, role, time, error));
         }
     }
@@ -264,12 +430,29 @@ fn noise_shaped(bench: &Bench, design: &ServoDesign) -> Plot {
         .y_axis("amplitude density", "um/sqrt(Hz)")
         .log(true, true)
         .caption("1 Hz, 5 um, full bench; steps of 34 mV, about 5 nm.");
-    for (label, noise_shaping, role) in [("rounded", false, CurveRole::Other1), ("rounding error carried on", true, CurveRole::Measured)] {
-        let design = ServoDesign { noise_shaping, ..design.clone() };
+    for (label, noise_shaping, role) in [
+        ("rounded", false, CurveRole::Other1),
+        ("rounding error carried on", true, CurveRole::Measured),
+    ] {
+        let design = ServoDesign {
+            noise_shaping,
+            ..design.clone()
+        };
         if let Ok(trace) = run(&twelve_bits, Variant::FULL, &design, &reference, 7) {
-            let error: Vec<f64> = trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect();
+            let error: Vec<f64> = trace
+                .sensor_um
+                .iter()
+                .zip(&trace.reference_um)
+                .skip(from)
+                .map(|(y, r)| y - r)
+                .collect();
             let spectrum = amplitude_density(&error, 1.0 / SAMPLING_PERIOD_S);
-            plot = plot.with(Series::line(label, role, spectrum.frequency_hz, spectrum.density));
+            plot = plot.with(Series::line(
+                label,
+                role,
+                spectrum.frequency_hz,
+                spectrum.density,
+            ));
         }
     }
     plot
@@ -283,7 +466,12 @@ pub fn chapter_6(bench: &Bench, rows: &[ChapterRow], schemes: &[NamedScheme]) ->
             "Tracking error over frequency",
             rows,
             &[
-                ("PIDSM + alpha-beta", "ch6.pidsm_ab.", "hz.rms", CurveRole::Measured),
+                (
+                    "PIDSM + alpha-beta",
+                    "ch6.pidsm_ab.",
+                    "hz.rms",
+                    CurveRole::Measured,
+                ),
                 ("PID", "ch6.pid.", "hz.rms", CurveRole::Other1),
                 ("sliding mode", "ch6.sm_ab.", "hz.rms", CurveRole::Other2),
                 ("boundary layer", "ch6.smcbl.", "hz.rms", CurveRole::Other3),
@@ -295,8 +483,15 @@ pub fn chapter_6(bench: &Bench, rows: &[ChapterRow], schemes: &[NamedScheme]) ->
     blocks.extend(portrait_on_the_bench(bench).map(PageBlock::Plot));
     if let Some(scheme) = thesis_scheme("pidsm-chapter-6") {
         let design = without_model(bench, scheme);
-        blocks
-            .extend(hysteresis_compensated(bench, &design, Variant::PLAIN, "Hysteresis compensated (Ch. 6, Fig. 7)").map(PageBlock::Plot));
+        blocks.extend(
+            hysteresis_compensated(
+                bench,
+                &design,
+                Variant::PLAIN,
+                "Hysteresis compensated (Ch. 6, Fig. 7)",
+            )
+            .map(PageBlock::Plot),
+        );
     }
     vec![Section {
         heading: "Chapter 6: PID-based sliding mode control".into(),
@@ -309,21 +504,52 @@ pub fn chapter_6(bench: &Bench, rows: &[ChapterRow], schemes: &[NamedScheme]) ->
 
 /// Sections of Chapter 7.
 #[must_use]
-pub fn chapter_7(bench: &Bench, rows: &[ChapterRow], full: Option<&Commissioned>, robust: Option<&ServoDesign>) -> Vec<Section> {
+pub fn chapter_7(
+    bench: &Bench,
+    rows: &[ChapterRow],
+    full: Option<&Commissioned>,
+    robust: Option<&ServoDesign>,
+) -> Vec<Section> {
     let mut blocks = vec![PageBlock::Plot(over_frequency(
         "Tracking error over frequency",
         rows,
         &[
-            ("best design, full bench", "ch7.best.", "hz.none.full.rms", CurveRole::Measured),
-            ("best design, full bench, loaded", "ch7.best.", "hz.load.full.rms", CurveRole::Model),
-            ("PIDSMOC, thesis gains", "ch7.pidsmoc.", "hz.none.rms", CurveRole::Other1),
-            ("PIDSMC + alpha-beta, thesis gains", "ch7.pidsmc_ab.", "hz.none.rms", CurveRole::Other2),
+            (
+                "best design, full bench",
+                "ch7.best.",
+                "hz.none.full.rms",
+                CurveRole::Measured,
+            ),
+            (
+                "best design, full bench, loaded",
+                "ch7.best.",
+                "hz.load.full.rms",
+                CurveRole::Model,
+            ),
+            (
+                "PIDSMOC, thesis gains",
+                "ch7.pidsmoc.",
+                "hz.none.rms",
+                CurveRole::Other1,
+            ),
+            (
+                "PIDSMC + alpha-beta, thesis gains",
+                "ch7.pidsmc_ab.",
+                "hz.none.rms",
+                CurveRole::Other2,
+            ),
         ],
     ))];
     if let Some(c) = full {
         blocks.push(PageBlock::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
         blocks.extend(
-            hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(PageBlock::Plot),
+            hysteresis_compensated(
+                bench,
+                &c.design,
+                Variant::FULL,
+                "Hysteresis compensated by the best design",
+            )
+            .map(PageBlock::Plot),
         );
         blocks.push(PageBlock::Plot(hysteron_report::trade_off(&c.design)));
         blocks.push(PageBlock::Plot(noise_shaped(bench, &c.design)));
@@ -375,5 +601,12 @@ pub fn chapter_7(bench: &Bench, rows: &[ChapterRow], full: Option<&Commissioned>
             )),
         ],
     };
-    vec![Section { heading: "Chapter 7: observer and controller".into(), text, blocks }, compared]
+    vec![
+        Section {
+            heading: "Chapter 7: observer and controller".into(),
+            text,
+            blocks,
+        },
+        compared,
+    ]
 }

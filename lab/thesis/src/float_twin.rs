@@ -53,7 +53,11 @@ impl<'a> FloatPredictor<'a> {
             design,
             law,
             scale,
-            hysteresis: OneSidedHysteresis::virgin(model.surfaces(), model.drive_min_v, model.drive_max_v - model.drive_min_v),
+            hysteresis: OneSidedHysteresis::virgin(
+                model.surfaces(),
+                model.drive_min_v,
+                model.drive_max_v - model.drive_min_v,
+            ),
             acting_v: scale.drive_min_v,
             applied_um: 0.0,
             window: Vec::new(),
@@ -100,17 +104,35 @@ impl Controller for FloatPredictor<'_> {
         self.window.remove(0);
         self.window.push(ahead_um + self.offset_um);
         self.offset_um *= 1.0 - 2.0_f64.powi(-(OFFSET_DECAY_SHIFT as i32));
-        let next_feedforward_um: f64 = self.law.feedforward.iter().zip(&self.window).map(|(f, r)| f * r).sum();
+        let next_feedforward_um: f64 = self
+            .law
+            .feedforward
+            .iter()
+            .zip(&self.window)
+            .map(|(f, r)| f * r)
+            .sum();
         let n = self.state.len();
         let code = if first {
             self.state[n - 1] = next_feedforward_um - self.applied_um;
             self.scale.dac_code(self.acting_v)
         } else {
-            let innovation = reading_um - self.window[WINDOW - 1 - PREVIEW_TICKS] - self.law.c.dot(&self.state);
-            self.state = &self.law.a * &self.state + &self.law.l * innovation + &self.law.b * (self.applied_um - self.feedforward_um);
+            let innovation =
+                reading_um - self.window[WINDOW - 1 - PREVIEW_TICKS] - self.law.c.dot(&self.state);
+            self.state = &self.law.a * &self.state
+                + &self.law.l * innovation
+                + &self.law.b * (self.applied_um - self.feedforward_um);
             let command_um = next_feedforward_um - self.law.k.dot(&self.state);
-            let carried_v = if self.design.noise_shaping { self.rounding_error_v } else { 0.0 };
-            let wanted_v = inverse_v(&self.hysteresis, command_um, self.scale.drive_min_v, self.scale.drive_max_v) + carried_v;
+            let carried_v = if self.design.noise_shaping {
+                self.rounding_error_v
+            } else {
+                0.0
+            };
+            let wanted_v = inverse_v(
+                &self.hysteresis,
+                command_um,
+                self.scale.drive_min_v,
+                self.scale.drive_max_v,
+            ) + carried_v;
             let code = self.scale.dac_code(wanted_v);
             self.rounding_error_v = wanted_v - self.scale.drive_v(code);
             code
@@ -132,11 +154,27 @@ pub fn integer_difference_um(
     reference_um: &[f64],
     seed: u64,
 ) -> Result<Option<ErrorFigures>, QuantisationError> {
-    let Scheme::Predictor { tuning, hysteresis_inverse: true } = &design.scheme else { return Ok(None) };
+    let Scheme::Predictor {
+        tuning,
+        hysteresis_inverse: true,
+    } = &design.scheme
+    else {
+        return Ok(None);
+    };
     let law = PredictorDesign::new(&design.model.linear, tuning);
     let integer = run(bench, variant, design, reference_um, seed)?;
-    let experiment = Experiment { substeps: SUBSTEPS, ..Experiment::new(bench, variant, seed) };
-    let float = experiment.follow_with(FloatPredictor::new(design, &law, bench.converter_scale()), reference_um);
+    let experiment = Experiment {
+        substeps: SUBSTEPS,
+        ..Experiment::new(bench, variant, seed)
+    };
+    let float = experiment.follow_with(
+        FloatPredictor::new(design, &law, bench.converter_scale()),
+        reference_um,
+    );
     let from = (0.5 / SAMPLING_PERIOD_S) as usize;
-    Ok(Some(ErrorFigures::between(&integer.sensor_um, &float.sensor_um, from.min(float.sensor_um.len() / 2))))
+    Ok(Some(ErrorFigures::between(
+        &integer.sensor_um,
+        &float.sensor_um,
+        from.min(float.sensor_um.len() / 2),
+    )))
 }

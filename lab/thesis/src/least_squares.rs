@@ -25,7 +25,9 @@ impl Estimate {
     /// Standard deviation of each value.
     #[must_use]
     pub fn standard_deviations(&self) -> Vec<f64> {
-        (0..self.values.len()).map(|i| self.covariance[(i, i)].max(0.0).sqrt()).collect()
+        (0..self.values.len())
+            .map(|i| self.covariance[(i, i)].max(0.0).sqrt())
+            .collect()
     }
 
     /// RMS residual.
@@ -51,7 +53,9 @@ pub fn linear(rows: DMatrix<f64>, data: &[f64], noise_std: Option<f64>) -> Optio
     if rows.nrows() != data.len() || data.len() < count || count == 0 {
         return None;
     }
-    let scales: Vec<f64> = (0..count).map(|j| rows.column(j).norm().max(f64::MIN_POSITIVE)).collect();
+    let scales: Vec<f64> = (0..count)
+        .map(|j| rows.column(j).norm().max(f64::MIN_POSITIVE))
+        .collect();
     let mut scaled = rows;
     for (j, scale) in scales.iter().enumerate() {
         scaled.column_mut(j).scale_mut(1.0 / scale);
@@ -80,7 +84,12 @@ pub fn linear(rows: DMatrix<f64>, data: &[f64], noise_std: Option<f64>) -> Optio
         }
     }
     let values = solution.iter().zip(&scales).map(|(v, s)| v / s).collect();
-    Some(Estimate { values, covariance, residual_sum, data_count: data.len() })
+    Some(Estimate {
+        values,
+        covariance,
+        residual_sum,
+        data_count: data.len(),
+    })
 }
 
 /// A nonlinear problem in scaled coordinates, its Jacobian by central differences.
@@ -92,7 +101,11 @@ struct Problem<'a> {
 
 impl Problem<'_> {
     fn values(&self, coordinates: &DVector<f64>) -> Vec<f64> {
-        coordinates.iter().zip(self.typical).map(|(c, t)| c * t).collect()
+        coordinates
+            .iter()
+            .zip(self.typical)
+            .map(|(c, t)| c * t)
+            .collect()
     }
 
     fn jacobian_matrix(&self) -> DMatrix<f64> {
@@ -124,7 +137,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
     fn residuals(&self) -> Option<DVector<f64>> {
         let residuals = (self.residuals)(&self.values(&self.coordinates));
-        residuals.iter().all(|r| r.is_finite()).then(|| DVector::from_vec(residuals))
+        residuals
+            .iter()
+            .all(|r| r.is_finite())
+            .then(|| DVector::from_vec(residuals))
     }
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         Some(self.jacobian_matrix())
@@ -136,10 +152,24 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 ///
 /// Returns nothing if the residuals are not finite or cannot be reduced to a minimum.
 #[must_use]
-pub fn nonlinear(residuals: &dyn Fn(&[f64]) -> Vec<f64>, start: &[f64], typical: &[f64], noise_std: Option<f64>) -> Option<Estimate> {
-    let coordinates = DVector::from_iterator(start.len(), start.iter().zip(typical).map(|(s, t)| s / t));
-    let problem = Problem { residuals, typical, coordinates };
-    let (problem, report) = LevenbergMarquardt::new().with_ftol(1e-12).with_xtol(1e-10).with_patience(30).minimize(problem);
+pub fn nonlinear(
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+    start: &[f64],
+    typical: &[f64],
+    noise_std: Option<f64>,
+) -> Option<Estimate> {
+    let coordinates =
+        DVector::from_iterator(start.len(), start.iter().zip(typical).map(|(s, t)| s / t));
+    let problem = Problem {
+        residuals,
+        typical,
+        coordinates,
+    };
+    let (problem, report) = LevenbergMarquardt::new()
+        .with_ftol(1e-12)
+        .with_xtol(1e-10)
+        .with_patience(30)
+        .minimize(problem);
     if !report.objective_function.is_finite() {
         return None;
     }
@@ -149,9 +179,18 @@ pub fn nonlinear(residuals: &dyn Fn(&[f64]) -> Vec<f64>, start: &[f64], typical:
     let residual_sum = 2.0 * report.objective_function;
     let freedom = data_count.saturating_sub(values.len()).max(1) as f64;
     let variance = noise_std.map_or(residual_sum / freedom, |s| s * s);
-    let inverse = (jacobian.transpose() * &jacobian).pseudo_inverse(1e-300).ok()?;
-    let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| variance * inverse[(i, j)] * typical[i] * typical[j]);
-    Some(Estimate { values, covariance, residual_sum, data_count })
+    let inverse = (jacobian.transpose() * &jacobian)
+        .pseudo_inverse(1e-300)
+        .ok()?;
+    let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| {
+        variance * inverse[(i, j)] * typical[i] * typical[j]
+    });
+    Some(Estimate {
+        values,
+        covariance,
+        residual_sum,
+        data_count,
+    })
 }
 
 #[cfg(test)]
@@ -172,10 +211,17 @@ mod tests {
     #[test]
     fn nonlinear_fit_of_an_exponential() {
         let residuals = |p: &[f64]| -> Vec<f64> {
-            (0..40).map(|k| f64::from(k) * 0.1).map(|t| p[0] * (-t / p[1]).exp() - 2.0 * (-t / 0.7_f64).exp()).collect()
+            (0..40)
+                .map(|k| f64::from(k) * 0.1)
+                .map(|t| p[0] * (-t / p[1]).exp() - 2.0 * (-t / 0.7_f64).exp())
+                .collect()
         };
         let fit = nonlinear(&residuals, &[1.0, 2.0], &[1.0, 1.0], Some(0.01)).unwrap();
         assert!((fit.values[0] - 2.0).abs() < 1e-6 && (fit.values[1] - 0.7).abs() < 1e-6);
-        assert!(fit.standard_deviations().iter().all(|s| *s > 0.0 && *s < 0.02));
+        assert!(
+            fit.standard_deviations()
+                .iter()
+                .all(|s| *s > 0.0 && *s < 0.02)
+        );
     }
 }

@@ -84,7 +84,9 @@ pub fn chapter(number: u32, on: PlayedOn, progress: ChapterProgress) -> Result<C
         5 => chapter_5::reproduce(&bench, progress),
         6 => Ok(chapter_6::reproduce(&bench, progress)),
         7 => Ok(chapter_7::reproduce(&bench, progress)),
-        _ => Err(format!("chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}")),
+        _ => Err(format!(
+            "chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}"
+        )),
     }
 }
 
@@ -121,12 +123,25 @@ mod tests {
     fn every_effect_cites_the_equation_that_it_is() {
         for effect in registry() {
             let declared = effect.declaration();
-            let cited = CITED.iter().find(|(id, _)| *id == declared.id).map(|(_, place)| *place);
+            let cited = CITED
+                .iter()
+                .find(|(id, _)| *id == declared.id)
+                .map(|(_, place)| *place);
             match cited {
                 Some(place) => {
-                    assert!(declared.reference.starts_with(&format!("thesis {place}")), "{}: {}", declared.id, declared.reference)
+                    assert!(
+                        declared.reference.starts_with(&format!("thesis {place}")),
+                        "{}: {}",
+                        declared.id,
+                        declared.reference
+                    )
                 }
-                None => assert!(!declared.reference.contains("thesis"), "{} is not in the list: {}", declared.id, declared.reference),
+                None => assert!(
+                    !declared.reference.contains("thesis"),
+                    "{} is not in the list: {}",
+                    declared.id,
+                    declared.reference
+                ),
             }
         }
     }

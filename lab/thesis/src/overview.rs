@@ -18,7 +18,10 @@ impl ReproduceFile {
     /// Of these rows.
     #[must_use]
     pub fn of(rows: Vec<ScoreRow>) -> Self {
-        Self { schema: "hysteron.reproduce/1".into(), rows }
+        Self {
+            schema: "hysteron.reproduce/1".into(),
+            rows,
+        }
     }
 }
 
@@ -75,11 +78,23 @@ pub struct TableLine {
 }
 
 /// Headings of the numbers of a line.
-pub const NUMBERS: [&str; 7] = ["thesis", "as printed", "with noise", "sensor", "domains", "improved", "ours"];
+pub const NUMBERS: [&str; 7] = [
+    "thesis",
+    "as printed",
+    "with noise",
+    "sensor",
+    "domains",
+    "improved",
+    "ours",
+];
 
 /// The first words of a text, up to a comma or a bracket.
 fn short(text: &str) -> String {
-    text.split(['(', ',']).next().unwrap_or(text).trim().to_owned()
+    text.split(['(', ','])
+        .next()
+        .unwrap_or(text)
+        .trim()
+        .to_owned()
 }
 
 /// Our figure for a row by another procedure: `.improved` or `.ours`.
@@ -94,7 +109,11 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
     let mut out: Vec<PrintedTable> = Vec::new();
     for row in rows.iter().filter(|row| counts(row)) {
         let line = TableLine {
-            what: [short(&row.algorithm), row.condition.clone(), row.quantity.clone()],
+            what: [
+                short(&row.algorithm),
+                row.condition.clone(),
+                row.quantity.clone(),
+            ],
             numbers: [
                 value(row.thesis),
                 value(row.printed_algorithm),
@@ -110,7 +129,10 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
         };
         match out.iter_mut().find(|table| table.title == row.table) {
             Some(table) => table.lines.push(line),
-            None => out.push(PrintedTable { title: row.table.clone(), lines: vec![line] }),
+            None => out.push(PrintedTable {
+                title: row.table.clone(),
+                lines: vec![line],
+            }),
         }
     }
     out
@@ -119,17 +141,29 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
 /// A row for each printed result, as a table of text; figures with six digits.
 #[must_use]
 pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
-    let six = |v: f64| format!("{v:.5e}").parse::<f64>().map_or_else(|_| v.to_string(), |v| v.to_string());
+    let six = |v: f64| {
+        format!("{v:.5e}")
+            .parse::<f64>()
+            .map_or_else(|_| v.to_string(), |v| v.to_string())
+    };
     let number = |v: Option<f64>| v.map_or_else(String::new, six);
     let value = |v: Option<Value>| match v {
         None => String::new(),
         Some(Value::Number(v)) => six(v),
-        Some(Value::Pair([re, im])) => format!("{}{}{}i", six(re), if im < 0.0 { "" } else { "+" }, six(im)),
+        Some(Value::Pair([re, im])) => {
+            format!("{}{}{}i", six(re), if im < 0.0 { "" } else { "+" }, six(im))
+        }
     };
     let met = |met: Option<bool>| met.map_or("", |met| if met { "met" } else { "missed" });
-    let mut out = String::from("id,thesis,as_printed,with_noise,sensor,domains,improved,ours,unit,met,met_on_reference,reason\n");
+    let mut out = String::from(
+        "id,thesis,as_printed,with_noise,sensor,domains,improved,ours,unit,met,met_on_reference,reason\n",
+    );
     for row in rows.iter().filter(|row| counts(row)) {
-        let reason = row.reason.as_deref().filter(|_| row.met == Some(false)).unwrap_or_default();
+        let reason = row
+            .reason
+            .as_deref()
+            .filter(|_| row.met == Some(false))
+            .unwrap_or_default();
         let cells = [
             row.id.clone(),
             value(row.thesis),
@@ -142,7 +176,11 @@ pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
             row.unit.clone(),
             met(row.met).into(),
             met(row.met_on_reference).into(),
-            if reason.contains([',', '"']) { format!("\"{}\"", reason.replace('"', "\"\"")) } else { reason.into() },
+            if reason.contains([',', '"']) {
+                format!("\"{}\"", reason.replace('"', "\"\""))
+            } else {
+                reason.into()
+            },
         ];
         out.push_str(&cells.join(","));
         out.push('\n');
@@ -154,9 +192,17 @@ pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
 #[must_use]
 pub fn totals_in_words(rows: &[ScoreRow]) -> String {
     let (covered, met, missed) = totals(rows);
-    let improved = rows.iter().filter(|row| row.id.ends_with(".improved") && row.met == Some(true)).count();
-    let ours = rows.iter().filter(|row| row.id.ends_with(".ours") && row.met == Some(true)).count();
-    let reference = met_on_reference(rows).map_or_else(String::new, |met| format!(" (on the reference bench {met})"));
+    let improved = rows
+        .iter()
+        .filter(|row| row.id.ends_with(".improved") && row.met == Some(true))
+        .count();
+    let ours = rows
+        .iter()
+        .filter(|row| row.id.ends_with(".ours") && row.met == Some(true))
+        .count();
+    let reference = met_on_reference(rows).map_or_else(String::new, |met| {
+        format!(" (on the reference bench {met})")
+    });
     format!(
         "Of {covered} printed results the algorithms as printed reach {met}{reference} and miss {missed}; improved procedures reach {improved}, our own {ours}."
     )
@@ -188,25 +234,49 @@ pub fn page(chapters: &[Chapter], rows: &[ScoreRow]) -> Page {
     });
     let mut others = Table {
         title: "All other figures".into(),
-        columns: ["figure", "true", "sensor", "unit", "how"].map(String::from).to_vec(),
+        columns: ["figure", "true", "sensor", "unit", "how"]
+            .map(String::from)
+            .to_vec(),
         ..Table::default()
     };
     for row in rows.iter().filter(|row| row.thesis.is_none()) {
-        others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
+        others.rows.push(vec![
+            row.id.clone(),
+            value(row.ours),
+            number(row.sensor),
+            row.unit.clone(),
+            row.algorithm.clone(),
+        ]);
     }
     let scoreboard = Section {
         heading: "The printed results".into(),
         text: String::new(),
         blocks: of_thesis.chain([PageBlock::Table(others)]).collect(),
     };
-    let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
+    let sections: Vec<Section> = std::iter::once(scoreboard)
+        .chain(chapters.iter().flat_map(|c| c.sections.clone()))
+        .collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),
         lead_sentence: totals_in_words(rows),
-        tone: if missed == 0 { Tone::Good } else { Tone::Attention },
-        facts: vec![("Chapters".into(), chapters.iter().map(|c| c.number.to_string()).collect::<Vec<_>>().join(", "))],
+        tone: if missed == 0 {
+            Tone::Good
+        } else {
+            Tone::Attention
+        },
+        facts: vec![(
+            "Chapters".into(),
+            chapters
+                .iter()
+                .map(|c| c.number.to_string())
+                .collect::<Vec<_>>()
+                .join(", "),
+        )],
         sections,
-        footer: vec![format!("hysteron {}, hysteron reproduce", env!("CARGO_PKG_VERSION"))],
+        footer: vec![format!(
+            "hysteron {}, hysteron reproduce",
+            env!("CARGO_PKG_VERSION")
+        )],
         ..Page::default()
     }
 }
@@ -221,23 +291,56 @@ mod tests {
     fn a_missed_result_is_set_off_with_its_reason() {
         let of = |ours: f64| {
             let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
-            let cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
-            tables(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells))
+            let cells: Vec<_> = cells()
+                .unwrap()
+                .into_iter()
+                .filter(|c| c.id == "ch6.table1.pid.10hz.rms")
+                .collect();
+            tables(&score(
+                &[Chapter {
+                    number: 6,
+                    rows,
+                    ..Chapter::default()
+                }],
+                &cells,
+            ))
         };
         let missed = of(0.5);
-        assert_eq!((missed[0].title.as_str(), missed[0].lines[0].met), ("Ch. 6, Table I", false));
-        assert_eq!(missed[0].lines[0].numbers[..2], ["0.0230".to_owned(), "0.500".to_owned()]);
+        assert_eq!(
+            (missed[0].title.as_str(), missed[0].lines[0].met),
+            ("Ch. 6, Table I", false)
+        );
+        assert_eq!(
+            missed[0].lines[0].numbers[..2],
+            ["0.0230".to_owned(), "0.500".to_owned()]
+        );
         assert!(of(0.02)[0].lines[0].met);
     }
 
     #[test]
     fn a_row_of_the_table_of_text_has_its_reason_in_quotes() {
         let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", 0.5, "um", "")];
-        let mut cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
+        let mut cells: Vec<_> = cells()
+            .unwrap()
+            .into_iter()
+            .filter(|c| c.id == "ch6.table1.pid.10hz.rms")
+            .collect();
         cells[0].missed_because = Some("too slow, as printed".into());
-        let text = rows_as_csv(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells));
+        let text = rows_as_csv(&score(
+            &[Chapter {
+                number: 6,
+                rows,
+                ..Chapter::default()
+            }],
+            &cells,
+        ));
         let line = text.lines().nth(1).unwrap();
-        assert!(line.starts_with("ch6.table1.pid.10hz.rms,0.023,0.5,,,,,,um,missed,,\"too slow, as printed\""), "{text}");
+        assert!(
+            line.starts_with(
+                "ch6.table1.pid.10hz.rms,0.023,0.5,,,,,,um,missed,,\"too slow, as printed\""
+            ),
+            "{text}"
+        );
     }
 
     #[test]

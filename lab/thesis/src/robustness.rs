@@ -4,7 +4,9 @@
 use crate::bench_runs::{row_um, sine_key};
 use crate::chapter::{ChapterRow, RunKey};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
-use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
+use hysteron::servo::model::{
+    ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S,
+};
 use hysteron::servo::predictor::{PredictorDesign, PredictorTuning};
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::servo_tick::ServoTick;
@@ -33,7 +35,11 @@ impl LinearPlant {
         let nominal = NominalModel::THESIS;
         let dt_s = SAMPLING_PERIOD_S / f64::from(SUBSTEPS);
         Self {
-            mode: VibrationMode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, dt_s),
+            mode: VibrationMode::new(
+                nominal.natural_frequency_rad_s * factor,
+                nominal.damping_ratio * factor,
+                dt_s,
+            ),
             gain_um_v: nominal.gain_um_v * factor,
             unknown,
             step: 0,
@@ -46,7 +52,9 @@ impl Plant for LinearPlant {
     fn advance(&mut self, drive_v: f64, _external_um: f64) {
         for _ in 0..SUBSTEPS {
             let t_s = f64::from(self.step) / f64::from(SUBSTEPS) * SAMPLING_PERIOD_S;
-            let epsilon_v = self.unknown.map_or(0.0, |(w, phase)| 10.0 * (w * t_s + phase).sin() + 10.0);
+            let epsilon_v = self
+                .unknown
+                .map_or(0.0, |(w, phase)| 10.0 * (w * t_s + phase).sin() + 10.0);
             self.displacement_um = self.mode.step(self.gain_um_v * (drive_v + epsilon_v));
             self.step += 1;
         }
@@ -73,9 +81,17 @@ pub struct RobustnessCase {
 }
 
 /// The case of Fig. 12.
-pub const PRINTED: RobustnessCase = RobustnessCase { hz: 100.0, unknown: (150.0, 1.0), seed: 3 };
+pub const PRINTED: RobustnessCase = RobustnessCase {
+    hz: 100.0,
+    unknown: (150.0, 1.0),
+    seed: 3,
+};
 /// The case by which a tuning is chosen: another reference, another unknown input, other noise.
-const CHOICE: RobustnessCase = RobustnessCase { hz: 80.0, unknown: (110.0, 0.3), seed: 103 };
+const CHOICE: RobustnessCase = RobustnessCase {
+    hz: 80.0,
+    unknown: (110.0, 0.3),
+    seed: 103,
+};
 
 /// The run by which a tuning is chosen.
 #[must_use]
@@ -86,7 +102,13 @@ pub fn choice() -> RunKey {
 /// Tracking on the plant of Fig. 12; the simulation of the thesis has no limits: converters over -200..+200 V
 /// and +-64 um, as fine as the codes allow.
 #[must_use]
-pub fn run(design: &ServoDesign, case: RobustnessCase, factor: f64, unknown: bool, noise_um: f64) -> Option<Trace> {
+pub fn run(
+    design: &ServoDesign,
+    case: RobustnessCase,
+    factor: f64,
+    unknown: bool,
+    noise_um: f64,
+) -> Option<Trace> {
     let scale = ConverterScale {
         adc_zero_um: -64.0,
         adc_lsb_um: 128.0 / 65_536.0,
@@ -97,12 +119,27 @@ pub fn run(design: &ServoDesign, case: RobustnessCase, factor: f64, unknown: boo
         drive_min_v: -200.0,
         drive_max_v: 200.0,
     };
-    let converters = ConverterParameters { noise_shaping: design.noise_shaping, ..scale.parameters() };
+    let converters = ConverterParameters {
+        noise_shaping: design.noise_shaping,
+        ..scale.parameters()
+    };
     let mut servo = ServoTick::new(design.parameters(converters).ok()?);
     servo.open_loop(scale.dac_code(0.0));
     let reference_um = waveform::sine(1.0 / SAMPLING_PERIOD_S, case.hz, 5.0, 5.0, 0.0, 1.0);
-    let around = Surroundings { scale, noise_um, seed: case.seed, external_um: &[], sensor_zero_um: 0.0, displacement_zero_um: 0.0 };
-    Some(follow(&mut LinearPlant::new(factor, unknown.then_some(case.unknown)), &mut servo, &around, &reference_um))
+    let around = Surroundings {
+        scale,
+        noise_um,
+        seed: case.seed,
+        external_um: &[],
+        sensor_zero_um: 0.0,
+        displacement_zero_um: 0.0,
+    };
+    Some(follow(
+        &mut LinearPlant::new(factor, unknown.then_some(case.unknown)),
+        &mut servo,
+        &around,
+        &reference_um,
+    ))
 }
 
 /// A predictor for the nominal model with a tuning, hysteresis left to the unknown input.
@@ -111,10 +148,16 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
     let mut model = ActuatorModel {
         drive_min_v: 0.0,
         drive_max_v: 80.0,
-        g_um: vec![vec![0.0, -80.0 * nominal.gain_um_v], vec![80.0 * nominal.gain_um_v, 0.0]],
+        g_um: vec![
+            vec![0.0, -80.0 * nominal.gain_um_v],
+            vec![80.0 * nominal.gain_um_v, 0.0],
+        ],
         r_um: vec![0.0],
         linear: LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: nominal.natural_frequency_rad_s,
+                damping_ratio: nominal.damping_ratio,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
@@ -124,11 +167,24 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
         creep_pair: None,
     };
     model.drive_min_v = 0.0;
-    ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)
+    ServoDesign::new(
+        Scheme::Predictor {
+            tuning,
+            hysteresis_inverse: false,
+        },
+        &model,
+        true,
+    )
 }
 
 /// Errors of a design on the plant of Fig. 12.
-fn figures(design: &ServoDesign, case: RobustnessCase, factor: f64, unknown: bool, noise_um: f64) -> Option<ErrorFigures> {
+fn figures(
+    design: &ServoDesign,
+    case: RobustnessCase,
+    factor: f64,
+    unknown: bool,
+    noise_um: f64,
+) -> Option<ErrorFigures> {
     run(design, case, factor, unknown, noise_um).map(|trace| trace.true_error(4000))
 }
 
@@ -193,12 +249,24 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<ChapterRow
     )
     .on(sine_key(PRINTED.hz, 5.0), PRINTED.seed)];
     if let Some(nominal) = figures(design, PRINTED, 1.0, true, 0.05) {
-        rows.push(row_um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
+        rows.push(row_um(
+            "ch7.robust.nominal.rms",
+            nominal.rms_um,
+            "the same design, noise and unknown input on the nominal plant",
+        ));
     }
     if let Some(nominal) = figures(design, PRINTED, 1.0, true, 0.001) {
-        rows.push(row_um("ch7.robust.nominal_quiet.rms", nominal.rms_um, "the same design with 1 nm noise on the nominal plant"));
+        rows.push(row_um(
+            "ch7.robust.nominal_quiet.rms",
+            nominal.rms_um,
+            "the same design with 1 nm noise on the nominal plant",
+        ));
     }
-    let quick = nominal_predictor(PredictorTuning { effort_weight: 0.1, unknown_change_um: 0.002, ..PredictorTuning::START });
+    let quick = nominal_predictor(PredictorTuning {
+        effort_weight: 0.1,
+        unknown_change_um: 0.002,
+        ..PredictorTuning::START
+    });
     if let Some(nominal) = figures(&quick, PRINTED, 1.0, true, 0.001) {
         rows.push(row_um(
             "ch7.robust.fast_nominal_quiet.rms",
@@ -213,37 +281,93 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<ChapterRow
 #[must_use]
 pub fn rows_as_printed() -> Vec<ChapterRow> {
     let mut rows = Vec::new();
-    let Some(scheme) = thesis_scheme("pidsmoc") else { return rows };
-    let design = ServoDesign { scheme, delayed: false, ..nominal_predictor(PredictorTuning::START) };
+    let Some(scheme) = thesis_scheme("pidsmoc") else {
+        return rows;
+    };
+    let design = ServoDesign {
+        scheme,
+        delayed: false,
+        ..nominal_predictor(PredictorTuning::START)
+    };
     let note = "thesis gains, no delay, xi, wn and K +50 %, unknown input 10 sin(150 t + 1) + 10 V, 0.05 um noise; of 10 um";
     if let Some(trace) = run(&design, PRINTED, 1.5, true, 0.05) {
         let of_span = |um: f64| 100.0 * um / 10.0;
         let key = || sine_key(PRINTED.hz, 5.0);
         let track = trace.true_error(4000).max_um;
-        rows.push(ChapterRow::new("ch7.robust.pidsmoc.track_pct", of_span(track), "%", note).on(key(), PRINTED.seed));
+        rows.push(
+            ChapterRow::new("ch7.robust.pidsmoc.track_pct", of_span(track), "%", note)
+                .on(key(), PRINTED.seed),
+        );
         // Displacement and velocity, each over its span; a velocity between samples is their difference.
-        let position = trace.estimate_um.iter().zip(&trace.displacement_um).skip(4000).map(|(x, y)| (x[0] - y).abs()).fold(0.0, f64::max);
-        let moved = trace.displacement_um.windows(3).map(|w| 0.5 * (w[2] - w[0]));
-        let velocity = trace.estimate_um.iter().skip(1).zip(moved).skip(4000).map(|(x, v)| (x[1] - v).abs()).fold(0.0, f64::max);
+        let position = trace
+            .estimate_um
+            .iter()
+            .zip(&trace.displacement_um)
+            .skip(4000)
+            .map(|(x, y)| (x[0] - y).abs())
+            .fold(0.0, f64::max);
+        let moved = trace
+            .displacement_um
+            .windows(3)
+            .map(|w| 0.5 * (w[2] - w[0]));
+        let velocity = trace
+            .estimate_um
+            .iter()
+            .skip(1)
+            .zip(moved)
+            .skip(4000)
+            .map(|(x, v)| (x[1] - v).abs())
+            .fold(0.0, f64::max);
         let span_of_velocity = 10.0 * std::f64::consts::TAU * PRINTED.hz * SAMPLING_PERIOD_S;
         let estimate = of_span(position).max(100.0 * velocity / span_of_velocity);
-        let both =
-            format!("{note}; displacement {:.2} %, velocity {:.2} % of its span", of_span(position), 100.0 * velocity / span_of_velocity);
-        rows.push(ChapterRow::new("ch7.robust.pidsmoc.estimate_pct", estimate, "%", both).on(key(), PRINTED.seed));
+        let both = format!(
+            "{note}; displacement {:.2} %, velocity {:.2} % of its span",
+            of_span(position),
+            100.0 * velocity / span_of_velocity
+        );
+        rows.push(
+            ChapterRow::new("ch7.robust.pidsmoc.estimate_pct", estimate, "%", both)
+                .on(key(), PRINTED.seed),
+        );
     }
     if let Some(nominal) = figures(&design, PRINTED, 1.0, true, 0.05) {
-        rows.push(ChapterRow::new("ch7.robust.pidsmoc.nominal.track_pct", 10.0 * nominal.max_um, "%", "the same on the nominal plant"));
+        rows.push(ChapterRow::new(
+            "ch7.robust.pidsmoc.nominal.track_pct",
+            10.0 * nominal.max_um,
+            "%",
+            "the same on the nominal plant",
+        ));
     }
     if let Some(trace) = run(&design, PRINTED, 1.0, false, 0.0) {
         // First harmonics of reference and motion over whole periods.
         let harmonic = |signal: &[f64]| -> Complex<f64> {
             let from = signal.len().saturating_sub(10_000);
-            let turns = |k: usize| Complex::from_polar(1.0, -std::f64::consts::TAU * PRINTED.hz * k as f64 * SAMPLING_PERIOD_S);
-            signal.iter().enumerate().skip(from).map(|(k, y)| turns(k) * *y).sum()
+            let turns = |k: usize| {
+                Complex::from_polar(
+                    1.0,
+                    -std::f64::consts::TAU * PRINTED.hz * k as f64 * SAMPLING_PERIOD_S,
+                )
+            };
+            signal
+                .iter()
+                .enumerate()
+                .skip(from)
+                .map(|(k, y)| turns(k) * *y)
+                .sum()
         };
         let g5 = harmonic(&trace.displacement_um) / harmonic(&trace.reference_um);
-        rows.push(ChapterRow::new("ch7.g5.gain_db", 20.0 * g5.norm().log10(), "dB", "sampled PIDSMOC on its own model, 100 Hz"));
-        rows.push(ChapterRow::new("ch7.g5.phase_deg", g5.arg().to_degrees(), "deg", "sampled PIDSMOC on its own model, 100 Hz"));
+        rows.push(ChapterRow::new(
+            "ch7.g5.gain_db",
+            20.0 * g5.norm().log10(),
+            "dB",
+            "sampled PIDSMOC on its own model, 100 Hz",
+        ));
+        rows.push(ChapterRow::new(
+            "ch7.g5.phase_deg",
+            g5.arg().to_degrees(),
+            "deg",
+            "sampled PIDSMOC on its own model, 100 Hz",
+        ));
     }
     rows
 }

@@ -169,17 +169,35 @@ struct Figures<'a>(HashMap<&'a str, &'a ChapterRow>);
 
 impl<'a> Figures<'a> {
     fn of(chapters: &'a [Chapter]) -> Self {
-        Self(chapters.iter().flat_map(|c| &c.rows).map(|row| (row.id.as_str(), row)).collect())
+        Self(
+            chapters
+                .iter()
+                .flat_map(|c| &c.rows)
+                .map(|row| (row.id.as_str(), row))
+                .collect(),
+        )
     }
 
     fn get(&self, id: &str) -> Option<Figure<'a>> {
         if let Some(row) = self.0.get(id) {
             let sensor = row.truth.map(|_| row.ours);
-            return Some(Figure { value: row.truth.unwrap_or(row.ours), sensor, unit: &row.unit, note: &row.note });
+            return Some(Figure {
+                value: row.truth.unwrap_or(row.ours),
+                sensor,
+                unit: &row.unit,
+                note: &row.note,
+            });
         }
-        let row = self.0.get(format!("{}.rms", id.strip_suffix(".max")?).as_str())?;
+        let row = self
+            .0
+            .get(format!("{}.rms", id.strip_suffix(".max")?).as_str())?;
         let max = row.max?;
-        Some(Figure { value: max.truth, sensor: Some(max.sensor), unit: &row.unit, note: &row.note })
+        Some(Figure {
+            value: max.truth,
+            sensor: Some(max.sensor),
+            unit: &row.unit,
+            note: &row.note,
+        })
     }
 
     /// A figure; a pole stands as two.
@@ -187,7 +205,10 @@ impl<'a> Figures<'a> {
         if let Some(found) = self.get(id) {
             return Some((Value::Number(found.value), found.sensor, found.note));
         }
-        let (re, im) = (self.get(&format!("{id}.re"))?, self.get(&format!("{id}.im"))?);
+        let (re, im) = (
+            self.get(&format!("{id}.re"))?,
+            self.get(&format!("{id}.im"))?,
+        );
         Some((Value::Pair([re.value, im.value]), None, re.note))
     }
 }
@@ -200,7 +221,9 @@ impl ScoreboardCell {
             Judge::AtLeast => ours >= printed,
             Judge::MagnitudeAtMost => ours.abs() <= printed.abs(),
             Judge::Near => match (value, self.value) {
-                (Value::Pair([a, b]), Value::Pair([c, d])) => (a - c).abs().max((b - d).abs()) <= self.within,
+                (Value::Pair([a, b]), Value::Pair([c, d])) => {
+                    (a - c).abs().max((b - d).abs()) <= self.within
+                }
                 _ => (ours - printed).abs() <= self.within,
             },
         }
@@ -210,7 +233,11 @@ impl ScoreboardCell {
         if let Some(id) = &self.printed {
             return figures.value(id).map(|(value, sensor, _)| (value, sensor));
         }
-        let all: Option<Vec<f64>> = self.worst_of.iter().map(|id| figures.get(id).map(|f| f.value)).collect();
+        let all: Option<Vec<f64>> = self
+            .worst_of
+            .iter()
+            .map(|id| figures.get(id).map(|f| f.value))
+            .collect();
         let worst = all?.into_iter().fold(f64::NEG_INFINITY, f64::max);
         Some((Value::Number(100.0 * worst / self.per_cent_of?), None))
     }
@@ -240,15 +267,28 @@ impl ScoreboardCell {
         let printed = self.as_printed(figures);
         main.printed_algorithm = printed.map(|(value, _)| value);
         main.sensor = printed.and_then(|(_, sensor)| sensor);
-        main.with_noise = self.with_noise.as_ref().and_then(|id| figures.get(id)).map(|f| f.value);
+        main.with_noise = self
+            .with_noise
+            .as_ref()
+            .and_then(|id| figures.get(id))
+            .map(|f| f.value);
         // The thesis never says that noise was removed: where it states its noise, that is what is judged.
-        let judged = main.with_noise.map(Value::Number).or(main.printed_algorithm);
+        let judged = main
+            .with_noise
+            .map(Value::Number)
+            .or(main.printed_algorithm);
         let met = judged.is_some_and(|value| value.is_finite() && self.is_met(value));
         main.met = Some(met);
-        main.reason = if met { self.caution.clone() } else { self.missed_because.clone().or_else(|| self.caution.clone()) };
+        main.reason = if met {
+            self.caution.clone()
+        } else {
+            self.missed_because.clone().or_else(|| self.caution.clone())
+        };
         let mut out = Vec::new();
         for (suffix, id) in [(".improved", &self.improved), (".ours", &self.ours)] {
-            let Some((value, sensor, note)) = id.as_ref().and_then(|id| figures.value(id)) else { continue };
+            let Some((value, sensor, note)) = id.as_ref().and_then(|id| figures.value(id)) else {
+                continue;
+            };
             let mut row = self.row(suffix, note);
             (row.ours, row.sensor) = (Some(value), sensor);
             row.met = Some(value.is_finite() && self.is_met(value));
@@ -265,9 +305,15 @@ impl ScoreboardCell {
 pub fn score(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
     let figures = Figures::of(chapters);
     let here = |cell: &&ScoreboardCell| chapters.iter().any(|c| c.number == cell.chapter);
-    let mut out: Vec<ScoreRow> = cells.iter().filter(here).flat_map(|cell| cell.rows(&figures)).collect();
+    let mut out: Vec<ScoreRow> = cells
+        .iter()
+        .filter(here)
+        .flat_map(|cell| cell.rows(&figures))
+        .collect();
     for row in chapters.iter().flat_map(|c| &c.rows) {
-        let Some(found) = figures.get(&row.id) else { continue };
+        let Some(found) = figures.get(&row.id) else {
+            continue;
+        };
         let plain = |id: String, f: &Figure<'_>| ScoreRow {
             id,
             algorithm: f.note.to_owned(),
@@ -286,8 +332,13 @@ pub fn score(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
             with_noise: None,
         };
         out.push(plain(row.id.clone(), &found));
-        let of_max = row.id.strip_suffix(".rms").map(|stem| format!("{stem}.max"));
-        if let Some((id, max)) = of_max.and_then(|id| row.max.and_then(|_| figures.get(&id)).map(|max| (id, max))) {
+        let of_max = row
+            .id
+            .strip_suffix(".rms")
+            .map(|stem| format!("{stem}.max"));
+        if let Some((id, max)) =
+            of_max.and_then(|id| row.max.and_then(|_| figures.get(&id)).map(|max| (id, max)))
+        {
             out.push(plain(id, &max));
         }
     }
@@ -295,15 +346,29 @@ pub fn score(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
 }
 
 /// Why a result that is met on the reference bench may be missed on the other.
-const NOT_THE_MODEL: &str = "Met on the reference bench. The bench of domains follows other equations than the model does.";
+const NOT_THE_MODEL: &str =
+    "Met on the reference bench. The bench of domains follows other equations than the model does.";
 
 /// The rows of chapters that were played on both benches, judged on the bench of domains.
 #[must_use]
-pub fn score_both(reference: &[Chapter], domains: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
-    let others: HashMap<String, ScoreRow> = score(domains, cells).into_iter().map(|row| (row.id.clone(), row)).collect();
+pub fn score_both(
+    reference: &[Chapter],
+    domains: &[Chapter],
+    cells: &[ScoreboardCell],
+) -> Vec<ScoreRow> {
+    let others: HashMap<String, ScoreRow> = score(domains, cells)
+        .into_iter()
+        .map(|row| (row.id.clone(), row))
+        .collect();
     let judged = |mut row: ScoreRow| {
         let other = others.get(&row.id);
-        row.on_domains = other.and_then(|o| o.with_noise.map(Value::Number).or(if counts(o) { o.printed_algorithm } else { o.ours }));
+        row.on_domains = other.and_then(|o| {
+            o.with_noise.map(Value::Number).or(if counts(o) {
+                o.printed_algorithm
+            } else {
+                o.ours
+            })
+        });
         if row.thesis.is_some() {
             row.met_on_reference = row.met;
             let met = other.and_then(|o| o.met).unwrap_or(false);
@@ -336,7 +401,11 @@ pub fn totals(rows: &[ScoreRow]) -> (usize, usize, usize) {
 /// Printed results met on the reference bench, where both were played.
 #[must_use]
 pub fn met_on_reference(rows: &[ScoreRow]) -> Option<usize> {
-    let printed: Option<Vec<bool>> = rows.iter().filter(|row| counts(row)).map(|row| row.met_on_reference).collect();
+    let printed: Option<Vec<bool>> = rows
+        .iter()
+        .filter(|row| counts(row))
+        .map(|row| row.met_on_reference)
+        .collect();
     printed.map(|met| met.into_iter().filter(|met| *met).count())
 }
 
@@ -345,7 +414,11 @@ mod tests {
     use super::*;
 
     fn chapter(rows: Vec<ChapterRow>) -> Chapter {
-        Chapter { number: 6, rows, ..Chapter::default() }
+        Chapter {
+            number: 6,
+            rows,
+            ..Chapter::default()
+        }
     }
 
     #[test]
@@ -356,14 +429,26 @@ mod tests {
         ids.dedup();
         assert_eq!(ids.len(), cells.len());
         for cell in &cells {
-            assert!(cell.printed.is_some() == cell.worst_of.is_empty(), "{}", cell.id);
-            assert!(cell.value.is_finite() && !cell.algorithm.is_empty(), "{}", cell.id);
+            assert!(
+                cell.printed.is_some() == cell.worst_of.is_empty(),
+                "{}",
+                cell.id
+            );
+            assert!(
+                cell.value.is_finite() && !cell.algorithm.is_empty(),
+                "{}",
+                cell.id
+            );
         }
     }
 
     #[test]
     fn only_the_algorithm_as_printed_meets_a_printed_result() {
-        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
+        let cells: Vec<ScoreboardCell> = cells()
+            .unwrap()
+            .into_iter()
+            .filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms")
+            .collect();
         let run = |as_printed: f64, tuned: f64| {
             let rows = vec![
                 ChapterRow::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""),
@@ -372,7 +457,14 @@ mod tests {
             score(&[chapter(rows)], &cells)
         };
         let missed = run(0.9, 0.1);
-        assert_eq!((missed[0].met, missed[1].id.as_str(), missed[1].met), (Some(false), "ch6.table1.sm_ab.10hz.rms.improved", Some(true)));
+        assert_eq!(
+            (missed[0].met, missed[1].id.as_str(), missed[1].met),
+            (
+                Some(false),
+                "ch6.table1.sm_ab.10hz.rms.improved",
+                Some(true)
+            )
+        );
         assert!(missed[0].reason.is_some(), "a miss has its reason");
         assert_eq!(totals(&missed), (1, 0, 1));
         assert_eq!(totals(&run(0.4, 9.0)), (1, 1, 0));
@@ -380,29 +472,70 @@ mod tests {
 
     #[test]
     fn the_bench_of_domains_decides_where_both_were_played() {
-        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
-        let run = |um: f64| [chapter(vec![ChapterRow::new("ch6.sm_ab_thesis.10hz.rms", um, "um", "")])];
+        let cells: Vec<ScoreboardCell> = cells()
+            .unwrap()
+            .into_iter()
+            .filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms")
+            .collect();
+        let run = |um: f64| {
+            [chapter(vec![ChapterRow::new(
+                "ch6.sm_ab_thesis.10hz.rms",
+                um,
+                "um",
+                "",
+            )])]
+        };
         let (low, high) = (run(0.1), run(0.9));
         let missed = score_both(&low, &high, &cells);
-        assert_eq!((missed[0].met, missed[0].met_on_reference, missed[0].on_domains), (Some(false), Some(true), Some(Value::Number(0.9))));
+        assert_eq!(
+            (
+                missed[0].met,
+                missed[0].met_on_reference,
+                missed[0].on_domains
+            ),
+            (Some(false), Some(true), Some(Value::Number(0.9)))
+        );
         assert_eq!(missed[0].reason.as_deref(), Some(NOT_THE_MODEL));
-        assert_eq!((totals(&missed), met_on_reference(&missed)), ((1, 0, 1), Some(1)));
+        assert_eq!(
+            (totals(&missed), met_on_reference(&missed)),
+            ((1, 0, 1), Some(1))
+        );
         let met = score_both(&high, &low, &cells);
-        assert_eq!((met[0].met, met[0].met_on_reference, met[0].printed_algorithm), (Some(true), Some(false), Some(Value::Number(0.9))));
+        assert_eq!(
+            (
+                met[0].met,
+                met[0].met_on_reference,
+                met[0].printed_algorithm
+            ),
+            (Some(true), Some(false), Some(Value::Number(0.9)))
+        );
         assert_eq!(met_on_reference(&score(&low, &cells)), None);
     }
 
     #[test]
     fn the_true_error_counts_and_a_largest_error_is_found_beside_its_rms() {
-        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz.")).collect();
+        let cells: Vec<ScoreboardCell> = cells()
+            .unwrap()
+            .into_iter()
+            .filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz."))
+            .collect();
         let row = ChapterRow {
             truth: Some(0.1),
-            max: Some(ErrorPair { truth: 0.05, sensor: 0.2 }),
+            max: Some(ErrorPair {
+                truth: 0.05,
+                sensor: 0.2,
+            }),
             ..ChapterRow::new("ch6.pidsm_ab.10hz.rms", 0.001, "um", "")
         };
         let rows = score(&[chapter(vec![row])], &cells);
-        assert_eq!((rows[0].printed_algorithm, rows[0].sensor, rows[0].met), (Some(Value::Number(0.1)), Some(0.001), Some(false)));
-        assert_eq!((rows[1].printed_algorithm, rows[1].sensor, rows[1].met), (Some(Value::Number(0.05)), Some(0.2), Some(true)));
+        assert_eq!(
+            (rows[0].printed_algorithm, rows[0].sensor, rows[0].met),
+            (Some(Value::Number(0.1)), Some(0.001), Some(false))
+        );
+        assert_eq!(
+            (rows[1].printed_algorithm, rows[1].sensor, rows[1].met),
+            (Some(Value::Number(0.05)), Some(0.2), Some(true))
+        );
     }
 
     use crate::chapter::ErrorPair;

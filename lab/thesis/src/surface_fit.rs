@@ -38,12 +38,18 @@ pub struct SurfaceFit {
 /// Exponents `(i, j)` of `x^i z^j` with `i + j < order`.
 #[must_use]
 pub fn exponents(order: usize) -> Vec<(i32, i32)> {
-    (0..order as i32).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect()
+    (0..order as i32)
+        .flat_map(|total| (0..=total).map(move |j| (total - j, j)))
+        .collect()
 }
 
 fn fit_curve(points: &[(f64, f64)], order: usize, noise_um: f64) -> Option<Estimate> {
     let rows = DMatrix::from_fn(points.len(), order, |r, c| points[r].0.powi(c as i32 + 1));
-    least_squares::linear(rows, &points.iter().map(|p| p.1).collect::<Vec<_>>(), Some(noise_um))
+    least_squares::linear(
+        rows,
+        &points.iter().map(|p| p.1).collect::<Vec<_>>(),
+        Some(noise_um),
+    )
 }
 
 fn curve_at(values: &[f64], x: f64) -> f64 {
@@ -52,8 +58,14 @@ fn curve_at(values: &[f64], x: f64) -> f64 {
 
 fn fit_surface(points: &[LossPoint], order: usize, noise_um: f64) -> Option<Estimate> {
     let exponents = exponents(order);
-    let rows = DMatrix::from_fn(points.len(), exponents.len(), |r, c| surface_term(&points[r], exponents[c]));
-    least_squares::linear(rows, &points.iter().map(|p| p.loss_um).collect::<Vec<_>>(), Some(noise_um))
+    let rows = DMatrix::from_fn(points.len(), exponents.len(), |r, c| {
+        surface_term(&points[r], exponents[c])
+    });
+    least_squares::linear(
+        rows,
+        &points.iter().map(|p| p.loss_um).collect::<Vec<_>>(),
+        Some(noise_um),
+    )
 }
 
 fn surface_term(point: &LossPoint, (i, j): (i32, i32)) -> f64 {
@@ -61,8 +73,13 @@ fn surface_term(point: &LossPoint, (i, j): (i32, i32)) -> f64 {
 }
 
 /// Smallest order whose prediction of left-out heights is within 10 % of the best.
-fn order_by_evidence(orders: std::ops::RangeInclusive<usize>, prediction_rms: impl Fn(usize) -> Option<f64>) -> usize {
-    let scores: Vec<(usize, f64)> = orders.filter_map(|order| prediction_rms(order).map(|e| (order, e))).collect();
+fn order_by_evidence(
+    orders: std::ops::RangeInclusive<usize>,
+    prediction_rms: impl Fn(usize) -> Option<f64>,
+) -> usize {
+    let scores: Vec<(usize, f64)> = orders
+        .filter_map(|order| prediction_rms(order).map(|e| (order, e)))
+        .collect();
     let best = scores.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
     scores.iter().find(|s| s.1 <= 1.1 * best).map_or(4, |s| s.0)
 }
@@ -74,8 +91,14 @@ pub fn fit(curve: &[(f64, f64)], losses: &[LossPoint], noise_um: f64) -> Option<
     let curve_order = order_by_evidence(2..=6, |order| {
         let errors: Option<Vec<f64>> = (0..curve.len())
             .map(|left_out| {
-                let rest: Vec<_> = curve.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, p)| *p).collect();
-                fit_curve(&rest, order, noise_um).map(|f| curve_at(&f.values, curve[left_out].0) - curve[left_out].1)
+                let rest: Vec<_> = curve
+                    .iter()
+                    .enumerate()
+                    .filter(|(k, _)| *k != left_out)
+                    .map(|(_, p)| *p)
+                    .collect();
+                fit_curve(&rest, order, noise_um)
+                    .map(|f| curve_at(&f.values, curve[left_out].0) - curve[left_out].1)
             })
             .collect();
         errors.map(|e| rms(&e))
@@ -83,11 +106,19 @@ pub fn fit(curve: &[(f64, f64)], losses: &[LossPoint], noise_um: f64) -> Option<
     let surface_order = order_by_evidence(2..=6, |order| {
         let mut errors = Vec::new();
         for (height, _) in curve {
-            let (out, rest): (Vec<LossPoint>, Vec<LossPoint>) = losses.iter().partition(|p| (p.maximum - height).abs() < 1e-9);
+            let (out, rest): (Vec<LossPoint>, Vec<LossPoint>) = losses
+                .iter()
+                .partition(|p| (p.maximum - height).abs() < 1e-9);
             let f = fit_surface(&rest, order, noise_um)?;
             let exponents = exponents(order);
-            errors
-                .extend(out.iter().map(|p| exponents.iter().zip(&f.values).map(|(e, v)| v * surface_term(p, *e)).sum::<f64>() - p.loss_um));
+            errors.extend(out.iter().map(|p| {
+                exponents
+                    .iter()
+                    .zip(&f.values)
+                    .map(|(e, v)| v * surface_term(p, *e))
+                    .sum::<f64>()
+                    - p.loss_um
+            }));
         }
         Some(rms(&errors))
     });
@@ -123,7 +154,10 @@ pub fn fit_samples(
     let size = curve_order.max(surface_order) + 1;
     let units: Vec<Surfaces> = (0..curve_order)
         .map(|c| {
-            let mut unit = Surfaces { g: vec![vec![0.0; size]; size], r: vec![0.0; size] };
+            let mut unit = Surfaces {
+                g: vec![vec![0.0; size]; size],
+                r: vec![0.0; size],
+            };
             unit.r[c + 1] = 1.0;
             unit
         })
@@ -137,25 +171,41 @@ pub fn fit_samples(
         .collect();
     let (mut rows, mut data) = (Vec::new(), Vec::new());
     for (drive_v, reading_um) in records {
-        let mut operators: Vec<OneSidedHysteresis> =
-            units.iter().map(|u| OneSidedHysteresis::virgin(u.clone(), lower_limit_v, range_v)).collect();
+        let mut operators: Vec<OneSidedHysteresis> = units
+            .iter()
+            .map(|u| OneSidedHysteresis::virgin(u.clone(), lower_limit_v, range_v))
+            .collect();
         let first = drive_v.first().copied().unwrap_or(lower_limit_v);
         let zeros: Vec<f64> = operators.iter_mut().map(|o| o.step(first)).collect();
         for (k, u) in drive_v.iter().enumerate() {
-            let values: Vec<f64> = operators.iter_mut().zip(&zeros).map(|(o, zero)| o.step(*u) - zero).collect();
+            let values: Vec<f64> = operators
+                .iter_mut()
+                .zip(&zeros)
+                .map(|(o, zero)| o.step(*u) - zero)
+                .collect();
             if let (0, Some(y)) = (k % stride.max(1), reading_um.get(k + 1)) {
                 rows.extend(values);
                 data.push(*y);
             }
         }
     }
-    let fit = least_squares::linear(DMatrix::from_row_slice(data.len(), units.len(), &rows), &data, None)?;
-    let mut out = Surfaces { g: vec![vec![0.0; size]; size], r: vec![0.0; size] };
+    let fit = least_squares::linear(
+        DMatrix::from_row_slice(data.len(), units.len(), &rows),
+        &data,
+        None,
+    )?;
+    let mut out = Surfaces {
+        g: vec![vec![0.0; size]; size],
+        r: vec![0.0; size],
+    };
     for (unit, value) in units.iter().zip(&fit.values) {
         for (to, from) in out.g.iter_mut().zip(&unit.g) {
             to.iter_mut().zip(from).for_each(|(a, b)| *a += value * b);
         }
-        out.r.iter_mut().zip(&unit.r).for_each(|(a, b)| *a += value * b);
+        out.r
+            .iter_mut()
+            .zip(&unit.r)
+            .for_each(|(a, b)| *a += value * b);
     }
     Some(out)
 }
@@ -163,7 +213,10 @@ pub fn fit_samples(
 impl SurfaceFit {
     fn loss_surface(&self) -> Vec<Vec<f64>> {
         let mut g = vec![vec![0.0; self.surface_order + 1]; self.surface_order + 1];
-        for (e, value) in exponents(self.surface_order).into_iter().zip(&self.surface.values) {
+        for (e, value) in exponents(self.surface_order)
+            .into_iter()
+            .zip(&self.surface.values)
+        {
             add_loss_term(&mut g, e, *value);
         }
         g

@@ -62,14 +62,30 @@ fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {
 /// From rest at zero up to the middle, then lines from 1 Hz to this frequency, which never repeat in the
 /// file.
 fn multisine(to_hz: f64, seconds: f64, rate_hz: f64, seed: u64) -> Vec<f64> {
-    let phase = |line: usize| TAU * (((line * line) as f64 * 0.618_034 * (seed as f64 + 1.0)).fract());
-    let lines: Vec<(f64, f64)> = (1..60).map(|line| (to_hz * (line as f64 / 60.0 + 0.001 * seed as f64), phase(line))).collect();
-    let of = |k: usize| lines.iter().map(|(hz, phase)| (TAU * hz * k as f64 / rate_hz + phase).sin()).sum::<f64>();
+    let phase =
+        |line: usize| TAU * (((line * line) as f64 * 0.618_034 * (seed as f64 + 1.0)).fract());
+    let lines: Vec<(f64, f64)> = (1..60)
+        .map(|line| {
+            (
+                to_hz * (line as f64 / 60.0 + 0.001 * seed as f64),
+                phase(line),
+            )
+        })
+        .collect();
+    let of = |k: usize| {
+        lines
+            .iter()
+            .map(|(hz, phase)| (TAU * hz * k as f64 / rate_hz + phase).sin())
+            .sum::<f64>()
+    };
     let wave: Vec<f64> = (0..(seconds * rate_hz) as usize).map(of).collect();
     let most = wave.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     let rise = (0.05 * rate_hz) as usize;
     let first = 50.0 + 30.0 * wave[0] / most;
-    (0..rise).map(|k| first * k as f64 / rise as f64).chain(wave.iter().map(|v| 50.0 + 30.0 * v / most)).collect()
+    (0..rise)
+        .map(|k| first * k as f64 / rise as f64)
+        .chain(wave.iter().map(|v| 50.0 + 30.0 * v / most))
+        .collect()
 }
 
 fn held(mut drive: Vec<f64>, seconds: f64, rate_hz: f64) -> Vec<f64> {
@@ -79,17 +95,30 @@ fn held(mut drive: Vec<f64>, seconds: f64, rate_hz: f64) -> Vec<f64> {
 }
 
 fn dataset(rate_hz: f64, records: [(Vec<f64>, Vec<f64>); 2]) -> Dataset {
-    let named = ["fitted", "judging"].into_iter().zip([Role::Identify, Role::Validate]).zip(records);
-    let records =
-        named.map(|((name, role), (drive, reading))| Record::new(name, rate_hz, drive, reading).with_role(role).from_virgin_state());
-    let mut out = Dataset::new("stage", RANGE_V.0, RANGE_V.1, records.collect()).expect("a data set");
+    let named = ["fitted", "judging"]
+        .into_iter()
+        .zip([Role::Identify, Role::Validate])
+        .zip(records);
+    let records = named.map(|((name, role), (drive, reading))| {
+        Record::new(name, rate_hz, drive, reading)
+            .with_role(role)
+            .from_virgin_state()
+    });
+    let mut out =
+        Dataset::new("stage", RANGE_V.0, RANGE_V.1, records.collect()).expect("a data set");
     // As of a file that says nothing of it.
     out.timing_is_assumed = true;
     out
 }
 
 fn explained(dataset: &Dataset) -> Outcome {
-    analyse(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
+    analyse(
+        dataset,
+        Start::Effects(&effects_named("gain").expect("known")),
+        &Options::default(),
+        &Unwatched,
+    )
+    .expect("it is explained")
 }
 
 fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {
@@ -98,7 +127,13 @@ fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {
     let mut named: Vec<&str> = d.named.iter().map(String::as_str).collect();
     named.sort_unstable();
     assert_eq!(named, effects, "{what}: {sentence}");
-    assert!(d.issues.iter().all(|issue| issue.severity == Severity::Notes), "{what}: {:?}", d.issues);
+    assert!(
+        d.issues
+            .iter()
+            .all(|issue| issue.severity == Severity::Notes),
+        "{what}: {:?}",
+        d.issues
+    );
 }
 
 /// The floor is what the exact model leaves when it follows the drive that was read: neither the static gain
@@ -116,19 +151,47 @@ fn a_drive_that_was_read_back_makes_no_missing_effect() {
         let mut left = Vec::new();
         let records = [1, 2].map(|seed| {
             let drive = held(multisine(1200.0, 1.5, rate_hz, seed), 0.3, rate_hz);
-            let motion: Vec<f64> = mode(&drive, frequency_hz, damping, rate_hz).iter().map(|x| GAIN_UM_V * x).collect();
+            let motion: Vec<f64> = mode(&drive, frequency_hz, damping, rate_hz)
+                .iter()
+                .map(|x| GAIN_UM_V * x)
+                .collect();
             let reading = sum(&motion, &noise(0.0004, drive.len(), 10 + seed));
             let read = sum(&drive, &noise(read_back_v, drive.len(), 20 + seed));
-            let read: Vec<f64> = read.iter().map(|u| if step_v > 0.0 { (u / step_v).round() * step_v } else { *u }).collect();
+            let read: Vec<f64> = read
+                .iter()
+                .map(|u| {
+                    if step_v > 0.0 {
+                        (u / step_v).round() * step_v
+                    } else {
+                        *u
+                    }
+                })
+                .collect();
             let exact = mode(&read, frequency_hz, damping, rate_hz);
-            left.push(mean(&reading.iter().zip(&exact).map(|(y, x)| (y - GAIN_UM_V * x).powi(2)).collect::<Vec<_>>()).sqrt());
+            left.push(
+                mean(
+                    &reading
+                        .iter()
+                        .zip(&exact)
+                        .map(|(y, x)| (y - GAIN_UM_V * x).powi(2))
+                        .collect::<Vec<_>>(),
+                )
+                .sqrt(),
+            );
             (read, reading)
         });
         let found = explained(&dataset(rate_hz, records));
         names_exactly(&found, &["vibration"], what);
         let (floor_um, left_um) = (found.floor.rms_um.expect("a floor"), mean(&left));
-        println!("{what}: floor {:.3} nm, the exact model leaves {:.3} nm", 1e3 * floor_um, 1e3 * left_um);
-        assert!((floor_um / left_um - 1.0).abs() < 0.1, "{what}: {floor_um} {left_um}");
+        println!(
+            "{what}: floor {:.3} nm, the exact model leaves {:.3} nm",
+            1e3 * floor_um,
+            1e3 * left_um
+        );
+        assert!(
+            (floor_um / left_um - 1.0).abs() < 0.1,
+            "{what}: {floor_um} {left_um}"
+        );
     }
 }
 
@@ -140,19 +203,36 @@ fn one_creep_term_anywhere_is_creep_alone() {
     for time_constant_s in [0.15, 0.5, 0.8] {
         let records = [1, 2].map(|seed| {
             let drive = held(multisine(350.0, 3.0, rate_hz, seed), 0.5, rate_hz);
-            let (fast, slow) = (mode(&drive, 700.0, 0.05, rate_hz), creep_term(&drive, time_constant_s, rate_hz));
-            let reading =
-                fast.iter().zip(&slow).zip(noise(0.001, drive.len(), 30 + seed)).map(|((x, c), n)| GAIN_UM_V * (x + 0.05 * c) + n);
+            let (fast, slow) = (
+                mode(&drive, 700.0, 0.05, rate_hz),
+                creep_term(&drive, time_constant_s, rate_hz),
+            );
+            let reading = fast
+                .iter()
+                .zip(&slow)
+                .zip(noise(0.001, drive.len(), 30 + seed))
+                .map(|((x, c), n)| GAIN_UM_V * (x + 0.05 * c) + n);
             let reading = reading.collect();
             (drive, reading)
         });
         let found = explained(&dataset(rate_hz, records));
-        names_exactly(&found, &["creep", "vibration"], &format!("{time_constant_s} s"));
+        names_exactly(
+            &found,
+            &["creep", "vibration"],
+            &format!("{time_constant_s} s"),
+        );
         let values = found.model.values("creep").expect("creep");
         println!("{time_constant_s} s: {values:?}");
         // Two terms that have met are one.
-        let there: f64 = values.chunks_exact(2).filter(|term| (term[1] / time_constant_s - 1.0).abs() < 0.1).map(|term| term[0]).sum();
-        assert!((there / 0.05 - 1.0).abs() < 0.1, "{time_constant_s} s: {values:?}");
+        let there: f64 = values
+            .chunks_exact(2)
+            .filter(|term| (term[1] / time_constant_s - 1.0).abs() < 0.1)
+            .map(|term| term[0])
+            .sum();
+        assert!(
+            (there / 0.05 - 1.0).abs() < 0.1,
+            "{time_constant_s} s: {values:?}"
+        );
     }
 }
 
@@ -163,12 +243,23 @@ fn a_slow_creep_term_is_found_in_long_records() {
     let rate_hz = 20_000.0;
     let records = [1, 2].map(|seed| {
         let drive = held(multisine(350.0, 7.0, rate_hz, seed), 3.0, rate_hz);
-        let (fast, slow) = (mode(&drive, 420.0, 0.02, rate_hz), creep_term(&drive, 0.8, rate_hz));
-        let reading = fast.iter().zip(&slow).zip(noise(0.003, drive.len(), 50 + seed)).map(|((x, c), n)| GAIN_UM_V * (x + 0.06 * c) + n);
+        let (fast, slow) = (
+            mode(&drive, 420.0, 0.02, rate_hz),
+            creep_term(&drive, 0.8, rate_hz),
+        );
+        let reading = fast
+            .iter()
+            .zip(&slow)
+            .zip(noise(0.003, drive.len(), 50 + seed))
+            .map(|((x, c), n)| GAIN_UM_V * (x + 0.06 * c) + n);
         let reading = reading.collect();
         (drive, reading)
     });
-    names_exactly(&explained(&dataset(rate_hz, records)), &["creep", "vibration"], "long");
+    names_exactly(
+        &explained(&dataset(rate_hz, records)),
+        &["creep", "vibration"],
+        "long",
+    );
 }
 
 /// What a gain leaves of a mode goes with the drive; of a drive that is smooth it seems to come before it.
@@ -178,18 +269,40 @@ fn a_missing_mode_is_no_closed_loop() {
     let records = [1, 2].map(|seed| {
         let drive = multisine(350.0, 2.0, rate_hz, seed);
         let motion = mode(&drive, 700.0, 0.05, rate_hz);
-        let reading = motion.iter().zip(noise(0.001, drive.len(), 40 + seed)).map(|(x, n)| GAIN_UM_V * x + n).collect();
+        let reading = motion
+            .iter()
+            .zip(noise(0.001, drive.len(), 40 + seed))
+            .map(|(x, n)| GAIN_UM_V * x + n)
+            .collect();
         // As a file writes it.
-        (drive.iter().map(|u| (u * 1e6).round() * 1e-6).collect(), reading)
+        (
+            drive.iter().map(|u| (u * 1e6).round() * 1e-6).collect(),
+            reading,
+        )
     });
     let dataset = dataset(rate_hz, records);
-    let gain = identify(&dataset, &effects_named("gain").expect("known"), &Unwatched).expect("it is fitted");
+    let gain = identify(&dataset, &effects_named("gain").expect("known"), &Unwatched)
+        .expect("it is fitted");
     let judged = judge(gain.model, &dataset, &Split::of(&dataset));
     assert!(judged.identify_rms_um > 0.05, "{}", judged.identify_rms_um);
     // Asked however far above the noise it is.
-    let policy = Policy { near_the_noise: f64::INFINITY, ..Policy::default() };
+    let policy = Policy {
+        near_the_noise: f64::INFINITY,
+        ..Policy::default()
+    };
     let study = Study::new(&dataset, Vec::new(), &gain.floor, policy, &Unwatched);
-    let end = End { study: &study, noise: &gain.floor, first: &judged, last: &judged, added: &[] };
+    let end = End {
+        study: &study,
+        noise: &gain.floor,
+        first: &judged,
+        last: &judged,
+        added: &[],
+    };
     let issues = quality::issues(&dataset, Moment::End(&end));
-    assert!(issues.iter().all(|issue| !matches!(issue.kind, IssueKind::ClosedLoop { .. })), "{issues:?}");
+    assert!(
+        issues
+            .iter()
+            .all(|issue| !matches!(issue.kind, IssueKind::ClosedLoop { .. })),
+        "{issues:?}"
+    );
 }

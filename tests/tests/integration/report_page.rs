@@ -4,8 +4,8 @@
 //! step, hum); no figure in them is a result.
 
 use hysteron_report::{
-    CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
-    StepReport, explain_page,
+    CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport,
+    NoiseFloorReport, ParameterReport, RecordReport, StepReport, explain_page,
 };
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,10 @@ impl Noise {
     fn next(&mut self) -> f64 {
         let mut sum = 0.0;
         for _ in 0..12 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
         }
         sum - 6.0
@@ -46,7 +49,13 @@ fn drive_v(kind: &str, t: f64) -> f64 {
 }
 
 /// A record, and the creep in it.
-fn record(name: &str, kind: &str, role: &str, samples: usize, rate_hz: f64) -> (RecordReport, Vec<f64>) {
+fn record(
+    name: &str,
+    kind: &str,
+    role: &str,
+    samples: usize,
+    rate_hz: f64,
+) -> (RecordReport, Vec<f64>) {
     let mut noise = Noise(samples as u64);
     let (mut play, mut slow_um) = (0.0f64, 0.0);
     let mut made = RecordReport {
@@ -68,7 +77,10 @@ fn record(name: &str, kind: &str, role: &str, samples: usize, rate_hz: f64) -> (
         made.t_s.push(t_s);
         made.u_v.push(u_v);
         made.y_um.push(y_um);
-        for (step, modelled_um) in [0.133 * u_v, 1.008 * fast_um, fast_um + slow_um].into_iter().enumerate() {
+        for (step, modelled_um) in [0.133 * u_v, 1.008 * fast_um, fast_um + slow_um]
+            .into_iter()
+            .enumerate()
+        {
             made.residual_um[step].push(y_um - modelled_um);
         }
         creep_um.push(slow_um);
@@ -76,7 +88,8 @@ fn record(name: &str, kind: &str, role: &str, samples: usize, rate_hz: f64) -> (
     let last = &made.residual_um[2];
     made.rms_um = (last.iter().map(|e| e * e).sum::<f64>() / samples as f64).sqrt();
     made.max_um = last.iter().fold(0.0, |m, e| e.abs().max(m));
-    made.range_um = made.y_um.iter().copied().fold(f64::MIN, f64::max) - made.y_um.iter().copied().fold(f64::MAX, f64::min);
+    made.range_um = made.y_um.iter().copied().fold(f64::MIN, f64::max)
+        - made.y_um.iter().copied().fold(f64::MAX, f64::min);
     (made, creep_um)
 }
 
@@ -95,7 +108,12 @@ fn candidate(effect: &str, share: f64, p: f64, after: Option<f64>, why: &str) ->
 }
 
 fn step(added: Option<&str>, why: &str, identify_um: f64, validate_um: f64) -> StepReport {
-    StepReport { added: added.map(str::to_owned), why: why.into(), identify_rms_um: identify_um, validate_rms_um: Some(validate_um) }
+    StepReport {
+        added: added.map(str::to_owned),
+        why: why.into(),
+        identify_rms_um: identify_um,
+        validate_rms_um: Some(validate_um),
+    }
 }
 
 fn demonstration() -> ExplainReport {
@@ -114,7 +132,9 @@ fn demonstration() -> ExplainReport {
         let (record, creep_um) = &made[r];
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let residual_um = &record.residual_um[1];
-        let predicted_um: Vec<f64> = (0..creep_um.len()).map(|k| creep_um[k] - 0.0079 * (record.y_um[k] - creep_um[k])).collect();
+        let predicted_um: Vec<f64> = (0..creep_um.len())
+            .map(|k| creep_um[k] - 0.0079 * (record.y_um[k] - creep_um[k]))
+            .collect();
         let (offset, centre) = (mean(residual_um), mean(&predicted_um));
         EvidenceTrace {
             record: r,
@@ -206,7 +226,11 @@ fn browser() -> Option<PathBuf> {
     let folders = std::env::var_os("PATH")?;
     ["chromium", "chromium-browser", "google-chrome"]
         .iter()
-        .find_map(|name| std::env::split_paths(&folders).map(|folder| folder.join(name)).find(|file| file.is_file()))
+        .find_map(|name| {
+            std::env::split_paths(&folders)
+                .map(|folder| folder.join(name))
+                .find(|file| file.is_file())
+        })
 }
 
 /// The document as the browser has it after its scripts have run.
@@ -236,7 +260,11 @@ fn document(browser: &Path, page: &Path, fragment: &str) -> String {
         .spawn()
         .expect("the browser starts");
     let started = Instant::now();
-    while child.try_wait().expect("the browser can be waited for").is_none() {
+    while child
+        .try_wait()
+        .expect("the browser can be waited for")
+        .is_none()
+    {
         if started.elapsed() > Duration::from_secs(180) {
             let _ = child.kill();
             let _ = child.wait();
@@ -258,28 +286,53 @@ fn every_figure_of_an_explanation_is_drawn() {
     let size = std::fs::metadata(&file).expect("the page is there").len();
     assert!(size < 3_000_000, "the page has {size} bytes");
     let Some(browser) = browser() else {
-        assert!(std::env::var_os("CI").is_none(), "CI needs chromium to look at pages");
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "CI needs chromium to look at pages"
+        );
         hysteron_tests::skipped("no chromium to look at the page with");
         return;
     };
     let document = document(&browser, &file, "#record=3&step=1");
     assert!(!document.contains("data-script-error="), "a script failed");
-    let drawings = document.split("id=\"page-data\"").next().unwrap_or_default();
+    let drawings = document
+        .split("id=\"page-data\"")
+        .next()
+        .unwrap_or_default();
     let figures = drawings.matches("data-figure=").count();
     assert!(figures >= 15, "{figures} figures");
     assert!(document.contains(&format!("data-drawn=\"{figures}\"")));
     // Curves with a path, in every plot of the chosen record: measured and modelled twice, residuals, drive.
-    for (label, least) in [("measured", 2), ("modelled", 2), ("residual", 3), ("drive", 2)] {
+    for (label, least) in [
+        ("measured", 2),
+        ("modelled", 2),
+        ("residual", 3),
+        ("drive", 2),
+    ] {
         let drawn = drawings
             .split(&format!("data-series=\"{label}\""))
             .skip(1)
-            .filter(|rest| rest.split('>').next().is_some_and(|tag| tag.contains(" d=\"M")))
+            .filter(|rest| {
+                rest.split('>')
+                    .next()
+                    .is_some_and(|tag| tag.contains(" d=\"M"))
+            })
             .count();
         assert!(drawn >= least, "{label}: {drawn}");
     }
-    assert!(!drawings.contains("class=\"empty\""), "a plot has nothing to show");
-    assert_eq!(drawings.matches("data-step=").count(), 3, "one column for each step");
-    assert!(drawings.contains("class=\"chosen\""), "the chosen record is marked in the map");
+    assert!(
+        !drawings.contains("class=\"empty\""),
+        "a plot has nothing to show"
+    );
+    assert_eq!(
+        drawings.matches("data-step=").count(),
+        3,
+        "one column for each step"
+    );
+    assert!(
+        drawings.contains("class=\"chosen\""),
+        "the chosen record is marked in the map"
+    );
     assert!(!drawings.contains("NaN"), "a coordinate is not a number");
 }
 
@@ -313,7 +366,10 @@ told.hidden = !residual.querySelector("[data-series]");
 #[test]
 fn a_reader_can_zoom_read_and_step_through_the_models() {
     let Some(browser) = browser() else {
-        assert!(std::env::var_os("CI").is_none(), "CI needs chromium to look at pages");
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "CI needs chromium to look at pages"
+        );
         hysteron_tests::skipped("no chromium to look at the page with");
         return;
     };
@@ -322,17 +378,27 @@ fn a_reader_can_zoom_read_and_step_through_the_models() {
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("reader.html");
     std::fs::write(&file, html).expect("the folder for test files can be written");
     let document = document(&browser, &file, "#record=7&step=1");
-    let root = document.split('>').find(|tag| tag.contains("<html")).unwrap_or_default();
+    let root = document
+        .split('>')
+        .find(|tag| tag.contains("<html"))
+        .unwrap_or_default();
     assert!(!root.contains("data-script-error"), "{root}");
     for outcome in ["zoomed", "linked", "reset", "stepped", "followed", "hidden"] {
-        assert!(root.contains(&format!("data-{outcome}=\"true\"")), "{outcome}: {root}");
+        assert!(
+            root.contains(&format!("data-{outcome}=\"true\"")),
+            "{outcome}: {root}"
+        );
     }
     assert!(root.contains("nm\""), "the value under the pointer: {root}");
 }
 
 #[test]
 fn a_report_with_little_or_odd_data_is_still_a_page() {
-    assert!(explain_page(&ExplainReport::default()).to_html().contains("<h1>"));
+    assert!(
+        explain_page(&ExplainReport::default())
+            .to_html()
+            .contains("<h1>")
+    );
     let mut odd = demonstration();
     odd.noise_floor = None;
     odd.steps.truncate(1);
@@ -342,5 +408,9 @@ fn a_report_with_little_or_odd_data_is_still_a_page() {
         record.u_v.truncate(5);
     }
     odd.evidence[0].traces[2].samples = vec![1_000_000, 3];
-    assert!(explain_page(&odd).to_html().contains("this data cannot give one"));
+    assert!(
+        explain_page(&odd)
+            .to_html()
+            .contains("this data cannot give one")
+    );
 }

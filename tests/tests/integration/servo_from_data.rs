@@ -11,7 +11,8 @@ use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{
-    LIMIT_CYCLE, StudyRecording, at_work, designed, designed_with_the_truth, explained, record, rest_after_slow_change_um, rest_um,
+    LIMIT_CYCLE, StudyRecording, at_work, designed, designed_with_the_truth, explained, record,
+    rest_after_slow_change_um, rest_um,
 };
 
 /// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was
@@ -40,7 +41,8 @@ fn stable_or_refused(seed: u64, recording: StudyRecording) -> Option<f64> {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_servo_from_the_usual_recording_holds_on_the_stage() {
-    let worst_um = stable_or_refused(1, StudyRecording::Usual).expect("this stage is shown well enough");
+    let worst_um =
+        stable_or_refused(1, StudyRecording::Usual).expect("this stage is shown well enough");
     assert!(worst_um < 0.01, "{worst_um}");
 }
 
@@ -49,7 +51,8 @@ fn a_servo_from_the_usual_recording_holds_on_the_stage() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_resonance_that_is_not_shown_leaves_its_share_of_the_motion() {
-    let worst_um = stable_or_refused(14, StudyRecording::Usual).expect("this stage is shown well enough");
+    let worst_um =
+        stable_or_refused(14, StudyRecording::Usual).expect("this stage is shown well enough");
     assert!(worst_um < 0.005, "{worst_um}");
 }
 
@@ -61,22 +64,40 @@ fn a_wideband_recording_leads_to_nearly_the_best_with_the_truth() {
     let truth = StageTruth::drawn(9);
     let dataset = record(&truth, StudyRecording::Wideband);
     let chain = explained(&dataset).model;
-    let [found, best] = [designed(&chain, &dataset).unwrap(), designed_with_the_truth(&truth, &chain).unwrap()]
-        .map(|design| at_work(&truth, StageChange::NONE, &design));
+    let [found, best] = [
+        designed(&chain, &dataset).unwrap(),
+        designed_with_the_truth(&truth, &chain).unwrap(),
+    ]
+    .map(|design| at_work(&truth, StageChange::NONE, &design));
     for (found, best) in found.errors.iter().zip(&best.errors) {
         assert!(found.rms_um <= 1.5 * best.rms_um, "{found:?} {best:?}");
     }
     // The default: the usual margins, for less than a third more of the error that was expected.
-    let usual = order::design(&chain, &DesignOrder { recording: Some(&dataset), ..DesignOrder::default() }).unwrap();
+    let usual = order::design(
+        &chain,
+        &DesignOrder {
+            recording: Some(&dataset),
+            ..DesignOrder::default()
+        },
+    )
+    .unwrap();
     let usual = at_work(&truth, StageChange::NONE, &usual);
-    println!("usual margins {:.2} nm, fastest {:.2} nm", 1e3 * usual.worst_um(), 1e3 * found.worst_um());
-    assert!(!usual.unstable && usual.worst_um() < 1.5 * found.worst_um(), "{usual:?} {found:?}");
+    println!(
+        "usual margins {:.2} nm, fastest {:.2} nm",
+        1e3 * usual.worst_um(),
+        1e3 * found.worst_um()
+    );
+    assert!(
+        !usual.unstable && usual.worst_um() < 1.5 * found.worst_um(),
+        "{usual:?} {found:?}"
+    );
 }
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn what_the_target_plays_makes_no_unstable_servo() {
-    let worst_um = stable_or_refused(1, StudyRecording::TargetsOwn).expect("its own record is enough");
+    let worst_um =
+        stable_or_refused(1, StudyRecording::TargetsOwn).expect("its own record is enough");
     assert!(worst_um < 0.004, "{worst_um}");
 }
 
@@ -93,7 +114,13 @@ fn no_stage_and_no_recording_makes_an_unstable_servo() {
 /// A model of a stage with the effects that it has, fitted once.
 fn identified(truth: &StageTruth) -> Model {
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
-    hysteron::identify::identify(&record(truth, StudyRecording::Wideband), &effects, &Unwatched).unwrap().model
+    hysteron::identify::identify(
+        &record(truth, StudyRecording::Wideband),
+        &effects,
+        &Unwatched,
+    )
+    .unwrap()
+    .model
 }
 
 fn margins(design: &hysteron::servo::design::ServoDesign, chain: &Model) -> LoopMargins {
@@ -114,18 +141,45 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
     assert!(at_rest_um < limit_um);
     let first = found.first_unstable;
     let turns_at = |what: &str, predicted: f64, change: &dyn Fn(f64) -> StageChange| {
-        let [before_um, beyond_um] = [0.95, 1.05].map(|share| rest_um(&truth, change(share * predicted), &design));
-        println!("{what} {predicted:.4}: {:.1} nm at rest 5 % before, {:.0} nm 5 % beyond", 1e3 * before_um, 1e3 * beyond_um);
-        assert!(before_um < limit_um, "{what}: already unstable 5 % before {predicted}");
-        assert!(beyond_um > limit_um, "{what}: still stable 5 % beyond {predicted}");
+        let [before_um, beyond_um] =
+            [0.95, 1.05].map(|share| rest_um(&truth, change(share * predicted), &design));
+        println!(
+            "{what} {predicted:.4}: {:.1} nm at rest 5 % before, {:.0} nm 5 % beyond",
+            1e3 * before_um,
+            1e3 * beyond_um
+        );
+        assert!(
+            before_um < limit_um,
+            "{what}: already unstable 5 % before {predicted}"
+        );
+        assert!(
+            beyond_um > limit_um,
+            "{what}: still stable 5 % beyond {predicted}"
+        );
     };
-    turns_at("gain", first.gain_up.unwrap(), &|gain_ratio| StageChange { gain_ratio, ..StageChange::NONE });
-    turns_at("mass", first.mass_up.unwrap(), &|mass_ratio| StageChange { mass_ratio, ..StageChange::NONE });
-    turns_at("delay", first.delay_s.unwrap(), &|delay_s| StageChange { delay_s, ..StageChange::NONE });
+    turns_at("gain", first.gain_up.unwrap(), &|gain_ratio| StageChange {
+        gain_ratio,
+        ..StageChange::NONE
+    });
+    turns_at("mass", first.mass_up.unwrap(), &|mass_ratio| StageChange {
+        mass_ratio,
+        ..StageChange::NONE
+    });
+    turns_at("delay", first.delay_s.unwrap(), &|delay_s| StageChange {
+        delay_s,
+        ..StageChange::NONE
+    });
     let mode = first.mode.unwrap();
-    println!("the mode: {:.0} Hz, damping ratio {}", mode.frequency_hz, mode.damping_ratio);
+    println!(
+        "the mode: {:.0} Hz, damping ratio {}",
+        mode.frequency_hz, mode.damping_ratio
+    );
     turns_at("mode", mode.share, &|share| StageChange {
-        mode: Some(TrueMode { frequency_hz: mode.frequency_hz, damping_ratio: mode.damping_ratio, share }),
+        mode: Some(TrueMode {
+            frequency_hz: mode.frequency_hz,
+            damping_ratio: mode.damping_ratio,
+            share,
+        }),
         ..StageChange::NONE
     });
     // The same servo on an actuator with a third and with three times the gain is another loop, and said to
@@ -133,7 +187,12 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
     let scaled = |factor: f64| {
         let mut other = chain.clone();
         let of_surfaces = ["hysteresis", "initial_curve"];
-        for p in other.effects.iter_mut().filter(|e| of_surfaces.contains(&e.id.as_str())).flat_map(|e| &mut e.parameters) {
+        for p in other
+            .effects
+            .iter_mut()
+            .filter(|e| of_surfaces.contains(&e.id.as_str()))
+            .flat_map(|e| &mut e.parameters)
+        {
             p.value *= factor;
         }
         other
@@ -159,23 +218,52 @@ fn a_limit_of_the_drive_keeps_a_loop_swinging_from_where_it_was_predicted() {
     let chain = identified(&truth);
     let design = designed(&chain, &record(&truth, StudyRecording::Wideband)).unwrap();
     let found = margins(&design, &chain);
-    let (free, swinging) = (found.first_unstable.gain_up.unwrap(), found.first_swinging.gain_up.unwrap());
+    let (free, swinging) = (
+        found.first_unstable.gain_up.unwrap(),
+        found.first_swinging.gain_up.unwrap(),
+    );
     let said = words::margins(&found).join(" ");
-    assert!(swinging < 0.85 * free && said.contains("it may go on swinging"), "{swinging} {free}: {said}");
+    assert!(
+        swinging < 0.85 * free && said.contains("it may go on swinging"),
+        "{swinging} {free}: {said}"
+    );
     let limit_um = LIMIT_CYCLE * truth.noise_um;
-    let with = |gain_ratio: f64| StageChange { gain_ratio, ..StageChange::NONE };
-    let from_the_limit_um = [0.98 * swinging, 0.95 * free].map(|gain| rest_um(&truth, with(gain), &design));
-    let in_the_middle_um = [0.95 * free, 1.05 * free].map(|gain| rest_after_slow_change_um(&truth, with(gain), &design));
+    let with = |gain_ratio: f64| StageChange {
+        gain_ratio,
+        ..StageChange::NONE
+    };
+    let from_the_limit_um =
+        [0.98 * swinging, 0.95 * free].map(|gain| rest_um(&truth, with(gain), &design));
+    let in_the_middle_um = [0.95 * free, 1.05 * free]
+        .map(|gain| rest_after_slow_change_um(&truth, with(gain), &design));
     println!(
         "gain {swinging:.3} and {free:.3}: {from_the_limit_um:?} um from the limit, {in_the_middle_um:?} um in the middle of the range"
     );
-    assert!(from_the_limit_um[0] < limit_um && from_the_limit_um[1] > limit_um, "{from_the_limit_um:?}");
-    let begun = found.first_from_rest.and_then(|first| first.gain_up).unwrap();
-    let about_begun_um = [0.95 * begun, 1.05 * begun].map(|gain| rest_um(&truth, with(gain), &design));
-    println!("from the limit it swings from gain {begun:.3}: {about_begun_um:?} um 5 % before and beyond");
-    assert!(swinging < begun && begun < 0.95 * free && said.contains("beginning at the lower limit"), "{swinging} {begun} {free}: {said}");
-    assert!(about_begun_um[0] < limit_um && about_begun_um[1] > limit_um, "{about_begun_um:?}");
-    assert!(in_the_middle_um[0] < limit_um && in_the_middle_um[1] > limit_um, "{in_the_middle_um:?}");
+    assert!(
+        from_the_limit_um[0] < limit_um && from_the_limit_um[1] > limit_um,
+        "{from_the_limit_um:?}"
+    );
+    let begun = found
+        .first_from_rest
+        .and_then(|first| first.gain_up)
+        .unwrap();
+    let about_begun_um =
+        [0.95 * begun, 1.05 * begun].map(|gain| rest_um(&truth, with(gain), &design));
+    println!(
+        "from the limit it swings from gain {begun:.3}: {about_begun_um:?} um 5 % before and beyond"
+    );
+    assert!(
+        swinging < begun && begun < 0.95 * free && said.contains("beginning at the lower limit"),
+        "{swinging} {begun} {free}: {said}"
+    );
+    assert!(
+        about_begun_um[0] < limit_um && about_begun_um[1] > limit_um,
+        "{about_begun_um:?}"
+    );
+    assert!(
+        in_the_middle_um[0] < limit_um && in_the_middle_um[1] > limit_um,
+        "{in_the_middle_um:?}"
+    );
 }
 
 #[test]
@@ -184,13 +272,27 @@ fn what_cannot_be_meant_is_refused() {
     let truth = StageTruth::drawn(1);
     let chain = identified(&truth);
     for noise_um in [-1.0, 0.0, f64::NAN, f64::INFINITY, 5.0] {
-        let order = DesignOrder { sensor_noise_um: Some(noise_um), ..DesignOrder::default() };
+        let order = DesignOrder {
+            sensor_noise_um: Some(noise_um),
+            ..DesignOrder::default()
+        };
         let reason = order::design(&chain, &order).unwrap_err();
         assert!(reason.contains("--sensor-noise-um"), "{noise_um}: {reason}");
     }
     // A sensor that ends before the actuator does.
-    let narrow = hysteron::servo::amplifier_block::FrontEnd { sensor_min_um: 3.0, sensor_max_um: 14.0, ..Default::default() };
-    let reason = order::design(&chain, &DesignOrder { front_end: Some(&narrow), ..DesignOrder::default() }).unwrap_err();
+    let narrow = hysteron::servo::amplifier_block::FrontEnd {
+        sensor_min_um: 3.0,
+        sensor_max_um: 14.0,
+        ..Default::default()
+    };
+    let reason = order::design(
+        &chain,
+        &DesignOrder {
+            front_end: Some(&narrow),
+            ..DesignOrder::default()
+        },
+    )
+    .unwrap_err();
     assert!(reason.contains("3 to 14 um"), "{reason}");
     // Without a recording a second mode is no fact, and the explanation mentions the missing creep.
     let mut without = chain.clone();
@@ -198,5 +300,8 @@ fn what_cannot_be_meant_is_refused() {
     let design = order::design(&without, &DesignOrder::default()).unwrap();
     assert!(design.model.linear.second_mode.is_none());
     let said = design.explanation.join(" ");
-    assert!(said.contains("no creep") && said.contains("No recording stands behind"), "{said}");
+    assert!(
+        said.contains("no creep") && said.contains("No recording stands behind"),
+        "{said}"
+    );
 }

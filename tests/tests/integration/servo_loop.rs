@@ -23,10 +23,17 @@ fn model() -> ActuatorModel {
         drive_min_v: 0.0,
         drive_max_v: 80.0,
         // A loop of the size of a piezo's: (x - z) (9.5 + 3 x - 2 z), um.
-        g_um: vec![vec![0.0, -9.5, 2.0], vec![9.5, -5.0, 0.0], vec![3.0, 0.0, 0.0]],
+        g_um: vec![
+            vec![0.0, -9.5, 2.0],
+            vec![9.5, -5.0, 0.0],
+            vec![3.0, 0.0, 0.0],
+        ],
         r_um: vec![0.0, 1.5],
         linear: LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 5300.0, damping_ratio: 0.78 },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 5300.0,
+                damping_ratio: 0.78,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
@@ -58,28 +65,54 @@ fn predictor() -> ServoDesign {
 /// Feedforward through the inverse of creep, PI and a notch.
 fn feedforward() -> ServoDesign {
     let creep = vec![CreepTerm::linear(0.02, 0.1), CreepTerm::linear(0.05, 2.0)];
-    let notch = Notch { frequency_hz: 5000.0, zero_damping_ratio: 0.05, pole_damping_ratio: 1.0 };
+    let notch = Notch {
+        frequency_hz: 5000.0,
+        zero_damping_ratio: 0.05,
+        pole_damping_ratio: 1.0,
+    };
     ServoDesign::new(
-        Scheme::Feedforward { gains: PidGains { p: 0.3, i: 800.0, d: 0.0 }, notch: Some(notch), creep_inverse: true },
+        Scheme::Feedforward {
+            gains: PidGains {
+                p: 0.3,
+                i: 800.0,
+                d: 0.0,
+            },
+            notch: Some(notch),
+            creep_inverse: true,
+        },
         &ActuatorModel { creep, ..model() },
         true,
     )
 }
 
 fn disturbance_observer() -> ServoDesign {
-    let gains = DisturbanceObserverGains { cutoff_rad_s: 2000.0, proportional: 0.3 };
-    ServoDesign::new(Scheme::DisturbanceObserver { gains, hysteresis_inverse: true }, &model(), true)
+    let gains = DisturbanceObserverGains {
+        cutoff_rad_s: 2000.0,
+        proportional: 0.3,
+    };
+    ServoDesign::new(
+        Scheme::DisturbanceObserver {
+            gains,
+            hysteresis_inverse: true,
+        },
+        &model(),
+        true,
+    )
 }
 
 fn parameters(bench: &Bench, design: &ServoDesign) -> ServoParameters {
-    design.parameters(bench.converter_scale().parameters()).unwrap()
+    design
+        .parameters(bench.converter_scale().parameters())
+        .unwrap()
 }
 
 #[test]
 fn integers_do_what_f64_does() {
     let bench = Bench::reference().unwrap();
     let (reference, _) = sine_reference_um(&bench, 50.0, 5.0);
-    let difference = integer_difference_um(&bench, Variant::PLAIN, &predictor(), &reference, 3).unwrap().unwrap();
+    let difference = integer_difference_um(&bench, Variant::PLAIN, &predictor(), &reference, 3)
+        .unwrap()
+        .unwrap();
     assert!(difference.rms_um <= 0.0005, "{difference:?}");
     // The oracle is no copy: it differs.
     assert!(difference.rms_um > 0.0);
@@ -107,39 +140,74 @@ fn taking_over_does_not_bump() {
         thesis_scheme("pid").map(|s| ServoDesign::new(s, &model(), false)),
     ] {
         let design = design.unwrap();
-        let experiment = Experiment { substeps: 10, ..Experiment::new(&bench, Variant::PLAIN, 2) };
-        let (mut plant, mut servo, zero_um) = experiment.conditioned(ServoTick::new(parameters(&bench, &design)));
+        let experiment = Experiment {
+            substeps: 10,
+            ..Experiment::new(&bench, Variant::PLAIN, 2)
+        };
+        let (mut plant, mut servo, zero_um) =
+            experiment.conditioned(ServoTick::new(parameters(&bench, &design)));
         // Open loop to 35 V, and the servo enabled there with a reference that is elsewhere.
         for k in 0..4000 {
-            let code = servo.open_loop(bench.converter_scale().dac_code(35.0 * (f64::from(k) / 2000.0).min(1.0)));
+            let code = servo.open_loop(
+                bench
+                    .converter_scale()
+                    .dac_code(35.0 * (f64::from(k) / 2000.0).min(1.0)),
+            );
             plant.tick(bench.converter_scale().drive_v(code));
         }
         let before = plant.sensor_um() - zero_um;
         let trace = experiment.follow_from(plant, servo, zero_um, &vec![before + 1.0; 6000]);
-        assert!((trace.drive_v[0] - 35.0).abs() < 0.01, "{}: {}", design.scheme_name(), trace.drive_v[0]);
-        let first: f64 = trace.sensor_um[..40].iter().map(|y| (y - before).abs()).fold(0.0, f64::max);
+        assert!(
+            (trace.drive_v[0] - 35.0).abs() < 0.01,
+            "{}: {}",
+            design.scheme_name(),
+            trace.drive_v[0]
+        );
+        let first: f64 = trace.sensor_um[..40]
+            .iter()
+            .map(|y| (y - before).abs())
+            .fold(0.0, f64::max);
         // The offset of 1 um decays over 256 ticks, so the reference itself has moved by 0.145 um after 40:
         // no more than twice that.
         let reference_moved = 1.0 - (-40.0_f64 / 256.0).exp();
-        assert!(first < 2.0 * reference_moved, "{}: moved by {first} um in 2 ms", design.scheme_name());
-        assert!(trace.sensor_error(5000).rms_um < 0.01, "{}: {:?}", design.scheme_name(), trace.sensor_error(5000));
+        assert!(
+            first < 2.0 * reference_moved,
+            "{}: moved by {first} um in 2 ms",
+            design.scheme_name()
+        );
+        assert!(
+            trace.sensor_error(5000).rms_um < 0.01,
+            "{}: {:?}",
+            design.scheme_name(),
+            trace.sensor_error(5000)
+        );
     }
 }
 
 #[test]
 fn a_change_of_law_while_running_does_not_bump() {
     let bench = Bench::reference().unwrap();
-    let first = thesis_scheme("pid").map(|s| ServoDesign::new(s, &model(), true)).map(|mut d| {
-        if let Scheme::Pid { gains, .. } = &mut d.scheme {
-            gains.i = 20_000.0;
-            gains.p = 1.0;
-        }
-        d
-    });
-    let experiment = Experiment { substeps: 10, ..Experiment::new(&bench, Variant::PLAIN, 2) };
-    let (mut plant, mut servo, zero_um) = experiment.conditioned(ServoTick::new(parameters(&bench, &first.unwrap())));
+    let first = thesis_scheme("pid")
+        .map(|s| ServoDesign::new(s, &model(), true))
+        .map(|mut d| {
+            if let Scheme::Pid { gains, .. } = &mut d.scheme {
+                gains.i = 20_000.0;
+                gains.p = 1.0;
+            }
+            d
+        });
+    let experiment = Experiment {
+        substeps: 10,
+        ..Experiment::new(&bench, Variant::PLAIN, 2)
+    };
+    let (mut plant, mut servo, zero_um) =
+        experiment.conditioned(ServoTick::new(parameters(&bench, &first.unwrap())));
     let mut second = parameters(&bench, &predictor());
-    second.converters.adc_zero = bench.converter_scale().zeroed_at(zero_um).parameters().adc_zero;
+    second.converters.adc_zero = bench
+        .converter_scale()
+        .zeroed_at(zero_um)
+        .parameters()
+        .adc_zero;
     servo.enable();
     let mut acting = servo.drive().to_num::<f64>();
     let mut largest: f64 = 0.0;
@@ -151,7 +219,10 @@ fn a_change_of_law_while_running_does_not_bump() {
         if k > 4000 {
             largest = largest.max((y - 4.0).abs());
         }
-        let code = servo.tick(bench.converter_scale().adc_code(plant.sensor_um()), Micrometres::from_num(4.0));
+        let code = servo.tick(
+            bench.converter_scale().adc_code(plant.sensor_um()),
+            Micrometres::from_num(4.0),
+        );
         plant.tick(acting);
         acting = bench.converter_scale().drive_v(code);
     }
@@ -162,13 +233,27 @@ fn a_change_of_law_while_running_does_not_bump() {
 fn saturation_does_not_wind_up() {
     let bench = Bench::reference().unwrap();
     // 14 um is out of reach; then 5 um again.
-    let reference: Vec<f64> = (0..16_000).map(|k| if (4000..8000).contains(&k) { 14.0 } else { 5.0 }).collect();
-    for design in [Some(predictor()), thesis_scheme("pid").map(|s| ServoDesign::new(s, &model(), false))] {
+    let reference: Vec<f64> = (0..16_000)
+        .map(|k| if (4000..8000).contains(&k) { 14.0 } else { 5.0 })
+        .collect();
+    for design in [
+        Some(predictor()),
+        thesis_scheme("pid").map(|s| ServoDesign::new(s, &model(), false)),
+    ] {
         let design = design.unwrap();
         let trace = run(&bench, Variant::PLAIN, &design, &reference, 4).unwrap();
-        assert!(trace.counters.limited_ticks > 1000, "{}", design.scheme_name());
+        assert!(
+            trace.counters.limited_ticks > 1000,
+            "{}",
+            design.scheme_name()
+        );
         // 20 ms after the jump back it is there.
-        assert!(trace.sensor_error(8400).max_um < 0.1, "{}: {:?}", design.scheme_name(), trace.sensor_error(8400));
+        assert!(
+            trace.sensor_error(8400).max_um < 0.1,
+            "{}: {:?}",
+            design.scheme_name(),
+            trace.sensor_error(8400)
+        );
     }
 }
 
@@ -178,7 +263,16 @@ fn a_design_keeps_its_margins_or_is_refused() {
     assert!(!design.trade_off.is_empty());
     assert!(design.trade_off.iter().all(|a| a.accepted));
     // Nobody accepts a sensitivity peak below one.
-    assert!(ServoDesign::best(&model(), &Demands { sensitivity_peak: 0.9, ..Demands::default() }).is_none());
+    assert!(
+        ServoDesign::best(
+            &model(),
+            &Demands {
+                sensitivity_peak: 0.9,
+                ..Demands::default()
+            }
+        )
+        .is_none()
+    );
     // What is written is what is read.
     let text = toml::to_string(&design).unwrap();
     assert_eq!(toml::from_str::<ServoDesign>(&text).unwrap(), design);
@@ -189,18 +283,40 @@ fn a_design_keeps_its_margins_or_is_refused() {
 fn an_identified_second_mode_is_carried_by_the_observer() {
     let bench = Bench::reference().unwrap();
     let c = commission(&bench, Variant::FULL).unwrap();
-    let (_, mode) = c.design.model.linear.second_mode.expect("the full bench shows its second mode");
-    let Scheme::Predictor { tuning, .. } = c.design.scheme else { panic!("{:?}", c.design.scheme) };
+    let (_, mode) = c
+        .design
+        .model
+        .linear
+        .second_mode
+        .expect("the full bench shows its second mode");
+    let Scheme::Predictor { tuning, .. } = c.design.scheme else {
+        panic!("{:?}", c.design.scheme)
+    };
     // The mode's pole, sampled, is one of the observer's model.
-    let (w, xi) = (mode.natural_frequency_rad_s * SAMPLING_PERIOD_S, mode.damping_ratio);
+    let (w, xi) = (
+        mode.natural_frequency_rad_s * SAMPLING_PERIOD_S,
+        mode.damping_ratio,
+    );
     let (radius, angle) = ((-xi * w).exp(), w * (1.0 - xi * xi).sqrt());
-    let poles = PredictorDesign::new(&c.design.model.linear, &tuning).a.complex_eigenvalues();
-    assert!(poles.iter().any(|z| (z.re - radius * angle.cos()).hypot(z.im - radius * angle.sin()) < 1e-6), "{poles}");
+    let poles = PredictorDesign::new(&c.design.model.linear, &tuning)
+        .a
+        .complex_eigenvalues();
+    assert!(
+        poles
+            .iter()
+            .any(|z| (z.re - radius * angle.cos()).hypot(z.im - radius * angle.sin()) < 1e-6),
+        "{poles}"
+    );
     // With the same tuning and without the mode the loop is worse, if it holds at all.
     let mut without = c.design.clone();
     without.model.linear.second_mode = None;
     let (reference, from) = sine_reference_um(&bench, 150.0, 5.0);
-    let rms_um = |design: &ServoDesign| run(&bench, Variant::FULL, design, &reference, 7).unwrap().sensor_error(from).rms_um;
+    let rms_um = |design: &ServoDesign| {
+        run(&bench, Variant::FULL, design, &reference, 7)
+            .unwrap()
+            .sensor_error(from)
+            .rms_um
+    };
     let (with_mode, without_mode) = (rms_um(&c.design), rms_um(&without));
     assert!(without_mode > 2.0 * with_mode, "{with_mode} {without_mode}");
 }
@@ -213,10 +329,16 @@ fn the_feedforward_undoes_creep() {
     let (reference, from) = sine_reference_um(&bench, 1.0, 5.0);
     let rms_um = |scheme: &str| {
         let design = with_scheme(&c.design, scheme).unwrap();
-        run(&bench, Variant::PLAIN, &design, &reference, 7).unwrap().sensor_error(from).rms_um
+        run(&bench, Variant::PLAIN, &design, &reference, 7)
+            .unwrap()
+            .sensor_error(from)
+            .rms_um
     };
     let (with_creep, without_creep) = (rms_um("feedforward"), rms_um("feedforward-without-creep"));
-    assert!(with_creep < 0.5 * without_creep, "{with_creep} {without_creep}");
+    assert!(
+        with_creep < 0.5 * without_creep,
+        "{with_creep} {without_creep}"
+    );
 }
 
 #[test]
@@ -229,7 +351,10 @@ fn every_scheme_can_be_checked_and_run() {
             // Without an estimate of the disturbance none of its tunings holds the bench under the order's
             // margins.
             Err(why) => {
-                assert!(name.starts_with("smcbl") && why.contains("none of the tunings is stable"), "{name}: {why}");
+                assert!(
+                    name.starts_with("smcbl") && why.contains("none of the tunings is stable"),
+                    "{name}: {why}"
+                );
                 continue;
             }
         };

@@ -40,18 +40,38 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     let mut asked = arguments.to_vec();
     let mut option = |name: &str| option_of(&mut asked, name);
     let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
-    let number = |text: String| text.parse().map_err(|_| format!("--sample {text}: expected a whole number"));
+    let number = |text: String| {
+        text.parse()
+            .map_err(|_| format!("--sample {text}: expected a whole number"))
+    };
     let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
-    if let Some(unknown) = asked.iter().find(|name| RULES.iter().all(|(rule, _)| rule != *name)) {
-        return Err(format!("{unknown}: expected some of {}", RULES.map(|(rule, _)| rule).join(", ")));
+    if let Some(unknown) = asked
+        .iter()
+        .find(|name| RULES.iter().all(|(rule, _)| rule != *name))
+    {
+        return Err(format!(
+            "{unknown}: expected some of {}",
+            RULES.map(|(rule, _)| rule).join(", ")
+        ));
     }
     let folder = root().join("target/finder_sets");
-    let mut context = Context { program, label: "ablation".into(), folder: folder.clone(), policy: None };
+    let mut context = Context {
+        program,
+        label: "ablation".into(),
+        folder: folder.clone(),
+        policy: None,
+    };
     if !context.program.exists() {
-        return Err(format!("{}: is not there; cargo build --release -p hysteron-cli", context.program.display()));
+        return Err(format!(
+            "{}: is not there; cargo build --release -p hysteron-cli",
+            context.program.display()
+        ));
     }
-    let wanted = RULES.iter().filter(|(rule, _)| asked.is_empty() || asked.iter().any(|name| name == rule));
-    let mut table = String::from("without,set,cases,right,in_set,missed,wrong_or,wrong,processor_s\n");
+    let wanted = RULES
+        .iter()
+        .filter(|(rule, _)| asked.is_empty() || asked.iter().any(|name| name == rule));
+    let mut table =
+        String::from("without,set,cases,right,in_set,missed,wrong_or,wrong,processor_s\n");
     for (rule, off) in std::iter::once(&("", "")).chain(wanted) {
         let name = if rule.is_empty() { "nothing" } else { rule };
         let told = |e: std::io::Error| format!("{}: {e}", folder.display());
@@ -67,11 +87,22 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
         for set in SETS.iter().filter(|set| OF.contains(&set.name)) {
             let cases = (set.cases)(&context, sample)?;
             run_set(&context, set, &cases, &mut results)?;
-            let ran: Vec<_> = results.rows.iter().filter(|r| r.set == set.name && cases.iter().any(|c| c.name == r.case)).collect();
+            let ran: Vec<_> = results
+                .rows
+                .iter()
+                .filter(|r| r.set == set.name && cases.iter().any(|c| c.name == r.case))
+                .collect();
             let count = |mark: &str| ran.iter().filter(|row| row.mark == mark).count();
             let processor_s: f64 = ran.iter().map(|row| row.processor_s).sum();
-            let counts = ["right", "in set", "missed", "wrong or", "wrong"].map(|mark| count(mark).to_string()).join(",");
-            let _ = writeln!(table, "{name},{},{},{counts},{processor_s:.0}", set.name, ran.len());
+            let counts = ["right", "in set", "missed", "wrong or", "wrong"]
+                .map(|mark| count(mark).to_string())
+                .join(",");
+            let _ = writeln!(
+                table,
+                "{name},{},{},{counts},{processor_s:.0}",
+                set.name,
+                ran.len()
+            );
         }
     }
     print!("{table}");

@@ -32,23 +32,75 @@ struct Alteration {
 }
 
 const ALTERATIONS: [Alteration; 10] = [
-    Alteration { name: "delay_ms", sizes: [0.2, 0.5, 1.0], right: &["delay"], alter: delay },
-    Alteration { name: "lag_hz", sizes: [1000.0, 400.0, 150.0], right: &["sensor_bandwidth"], alter: first_order },
+    Alteration {
+        name: "delay_ms",
+        sizes: [0.2, 0.5, 1.0],
+        right: &["delay"],
+        alter: delay,
+    },
+    Alteration {
+        name: "lag_hz",
+        sizes: [1000.0, 400.0, 150.0],
+        right: &["sensor_bandwidth"],
+        alter: first_order,
+    },
     // A second-order low-pass is one whatever it is called.
-    Alteration { name: "filter_hz", sizes: [800.0, 400.0, 200.0], right: &["sensor_filter", "vibration"], alter: butterworth },
-    Alteration { name: "mode_hz", sizes: [800.0, 400.0, 200.0], right: &["second_mode", "vibration", "sensor_filter"], alter: mode },
-    Alteration { name: "hum_nm", sizes: [20.0, 60.0, 200.0], right: &["mains_hum"], alter: hum },
-    Alteration { name: "bent_percent", sizes: [0.5, 1.0, 3.0], right: &["sensor_nonlinearity"], alter: bend },
-    Alteration { name: "steps_nm", sizes: [20.0, 40.0, 100.0], right: &["quantisation"], alter: round },
-    Alteration { name: "creep_percent", sizes: [1.0, 2.0, 5.0], right: &["creep"], alter: creep },
-    Alteration { name: "drift_nm", sizes: [100.0, 300.0, 1000.0], right: &["thermal_drift"], alter: drift },
-    Alteration { name: "gain_percent", sizes: [2.0, 5.0, 10.0], right: &["hysteresis", "gain"], alter: gain },
+    Alteration {
+        name: "filter_hz",
+        sizes: [800.0, 400.0, 200.0],
+        right: &["sensor_filter", "vibration"],
+        alter: butterworth,
+    },
+    Alteration {
+        name: "mode_hz",
+        sizes: [800.0, 400.0, 200.0],
+        right: &["second_mode", "vibration", "sensor_filter"],
+        alter: mode,
+    },
+    Alteration {
+        name: "hum_nm",
+        sizes: [20.0, 60.0, 200.0],
+        right: &["mains_hum"],
+        alter: hum,
+    },
+    Alteration {
+        name: "bent_percent",
+        sizes: [0.5, 1.0, 3.0],
+        right: &["sensor_nonlinearity"],
+        alter: bend,
+    },
+    Alteration {
+        name: "steps_nm",
+        sizes: [20.0, 40.0, 100.0],
+        right: &["quantisation"],
+        alter: round,
+    },
+    Alteration {
+        name: "creep_percent",
+        sizes: [1.0, 2.0, 5.0],
+        right: &["creep"],
+        alter: creep,
+    },
+    Alteration {
+        name: "drift_nm",
+        sizes: [100.0, 300.0, 1000.0],
+        right: &["thermal_drift"],
+        alter: drift,
+    },
+    Alteration {
+        name: "gain_percent",
+        sizes: [2.0, 5.0, 10.0],
+        right: &["hysteresis", "gain"],
+        alter: gain,
+    },
 ];
 
 fn delay(y: &mut [f64], ms: f64) {
     let samples = (ms * 1e-3 * RATE_HZ).round() as usize;
     let before = y.to_vec();
-    y.iter_mut().enumerate().for_each(|(k, value)| *value = before[k.saturating_sub(samples)]);
+    y.iter_mut()
+        .enumerate()
+        .for_each(|(k, value)| *value = before[k.saturating_sub(samples)]);
 }
 
 /// The reading between two samples is taken as straight.
@@ -90,7 +142,9 @@ fn second_order(y: &mut [f64], frequency_hz: f64, damping: f64) {
 /// The mains are not quite 50 Hz, and no record begins at a zero of them.
 fn hum(y: &mut [f64], nm: f64) {
     let phase = y.len() as f64;
-    y.iter_mut().enumerate().for_each(|(k, value)| *value += 1e-3 * nm * (TAU * 50.01 * k as f64 / RATE_HZ + phase).sin());
+    y.iter_mut().enumerate().for_each(|(k, value)| {
+        *value += 1e-3 * nm * (TAU * 50.01 * k as f64 / RATE_HZ + phase).sin()
+    });
 }
 
 /// A sensor whose gain falls towards both ends by this share of the range.
@@ -102,7 +156,8 @@ fn bend(y: &mut [f64], percent: f64) {
 }
 
 fn round(y: &mut [f64], nm: f64) {
-    y.iter_mut().for_each(|value| *value = (*value / (1e-3 * nm)).round() * 1e-3 * nm);
+    y.iter_mut()
+        .for_each(|value| *value = (*value / (1e-3 * nm)).round() * 1e-3 * nm);
 }
 
 /// Three more terms of creep, each of this share, on the reading.
@@ -127,12 +182,18 @@ fn drift(y: &mut [f64], nm: f64) {
 }
 
 fn gain(y: &mut [f64], percent: f64) {
-    y.iter_mut().for_each(|value| *value *= 1.0 + 1e-2 * percent);
+    y.iter_mut()
+        .for_each(|value| *value *= 1.0 + 1e-2 * percent);
 }
 
 /// A data set of the recordings with other readings, made once; `part` gives from where to where each counts,
 /// as shares of what is judged.
-fn dataset(folder: &Path, name: &str, alter: &dyn Fn(&mut [f64]), part: [f64; 2]) -> Result<PathBuf, String> {
+fn dataset(
+    folder: &Path,
+    name: &str,
+    alter: &dyn Fn(&mut [f64]),
+    part: [f64; 2],
+) -> Result<PathBuf, String> {
     let (data, into) = (beside("measured/piezo_stage")?, folder.join(name));
     if into.join("dataset.toml").exists() {
         return Ok(into);
@@ -142,7 +203,9 @@ fn dataset(folder: &Path, name: &str, alter: &dyn Fn(&mut [f64]), part: [f64; 2]
         let table = NumberTable::read(&data.join(format!("{record}.csv")))?;
         let mut readings_um = table.readings_um();
         alter(&mut readings_um);
-        table.with_readings(&readings_um).write(&into.join(format!("{record}.csv")))?;
+        table
+            .with_readings(&readings_um)
+            .write(&into.join(format!("{record}.csv")))?;
         let whole_s = table.rows.len() as f64 / RATE_HZ - FROM_S;
         let [from_s, to_s] = part.map(|share| FROM_S + share * whole_s);
         let _ = write!(
@@ -168,7 +231,11 @@ fn altered(context: &Context) -> Result<Vec<(String, PathBuf, Vec<String>)>, Str
         for size in alteration.sizes {
             let name = format!("{}_{size}", alteration.name);
             let data = dataset(&folder, &name, &|y| (alteration.alter)(y, size), [0.0, 1.0])?;
-            out.push((name, data, alteration.right.iter().map(|id| (*id).to_owned()).collect()));
+            out.push((
+                name,
+                data,
+                alteration.right.iter().map(|id| (*id).to_owned()).collect(),
+            ));
         }
     }
     Ok(out)
@@ -184,20 +251,38 @@ pub fn from_the_model(context: &Context, most: Option<usize>) -> Result<Vec<SetC
         check: CaseCheck::Names(CaseTruth::Altered(right, Vec::new())),
         noise_um: None,
     };
-    Ok(spread(altered(context)?, most).into_iter().map(case).collect())
+    Ok(spread(altered(context)?, most)
+        .into_iter()
+        .map(case)
+        .collect())
 }
 
 /// From a bare gain: what the clean recordings themselves need may be named beside.
 pub fn from_a_gain(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let own = own_effects(context, &clean(context)?)?;
-    let case = |(name, data, right)| SetCase::named(name, data, "gain", CaseTruth::Altered(right, own.clone()), None);
-    Ok(spread(altered(context)?, most).into_iter().map(case).collect())
+    let case = |(name, data, right)| {
+        SetCase::named(
+            name,
+            data,
+            "gain",
+            CaseTruth::Altered(right, own.clone()),
+            None,
+        )
+    };
+    Ok(spread(altered(context)?, most)
+        .into_iter()
+        .map(case)
+        .collect())
 }
 
 /// The clean recordings from their own model: all of them, and each half.
 pub fn unaltered(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let (folder, model) = (context.folder_of("altered")?, clean(context)?);
-    let parts = [("clean", [0.0, 1.0]), ("first_half", [0.0, 0.5]), ("second_half", [0.5, 1.0])];
+    let parts = [
+        ("clean", [0.0, 1.0]),
+        ("first_half", [0.0, 0.5]),
+        ("second_half", [0.5, 1.0]),
+    ];
     let case = |(name, part): (&str, [f64; 2])| -> Result<SetCase, String> {
         let data = dataset(&folder, name, &|_| {}, part)?;
         Ok(SetCase {
@@ -208,7 +293,10 @@ pub fn unaltered(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>,
             noise_um: None,
         })
     };
-    Ok(spread(parts.into_iter().map(case).collect::<Result<Vec<_>, _>>()?, most))
+    Ok(spread(
+        parts.into_iter().map(case).collect::<Result<Vec<_>, _>>()?,
+        most,
+    ))
 }
 
 /// Writes all altered data sets, the model of the clean ones and what counts as right, for other programs.
@@ -216,11 +304,19 @@ pub fn write_all(context: &Context, folder: &Path) -> Result<(), String> {
     let mut right = String::new();
     let controls = vec![("nothing_0".to_owned(), clean(context)?, Vec::new())];
     for (name, data, effects) in altered(context)?.into_iter().chain(controls) {
-        for file in RECORDS.map(|(record, _)| format!("{record}.csv")).iter().map(String::as_str).chain(["dataset.toml"]) {
+        for file in RECORDS
+            .map(|(record, _)| format!("{record}.csv"))
+            .iter()
+            .map(String::as_str)
+            .chain(["dataset.toml"])
+        {
             copy(&data.join(file), &folder.join(&name).join(file))?;
         }
         let _ = writeln!(right, "{name} {}", effects.join(","));
     }
     write(&folder.join("right.txt"), &right)?;
-    copy(&model_of(context, &clean(context)?)?, &folder.join("clean_model.toml"))
+    copy(
+        &model_of(context, &clean(context)?)?,
+        &folder.join("clean_model.toml"),
+    )
 }

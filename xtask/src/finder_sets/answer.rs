@@ -26,30 +26,51 @@ pub struct FinderAnswer {
 }
 
 fn texts(value: &Value) -> Vec<String> {
-    value.as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+    value.as_array().map_or_else(Vec::new, |all| {
+        all.iter()
+            .filter_map(|v| v.as_str().map(str::to_owned))
+            .collect()
+    })
 }
 
 impl FinderAnswer {
     /// From `hysteron.fit/1` with a diagnosis, or from `hysteron.diagnosis/1`.
     pub fn of(json: &Value) -> Result<Self, String> {
         let d = json.get("diagnosis").unwrap_or(json);
-        let verdict = d["verdict"].as_str().ok_or("the answer holds no verdict")?.to_owned();
+        let verdict = d["verdict"]
+            .as_str()
+            .ok_or("the answer holds no verdict")?
+            .to_owned();
         let named = texts(&d["named"]);
         // Only what these two words claim is a name.
         let claims = verdict == "named" || verdict == "ambiguous";
         let findings = d["findings"].as_array().cloned().unwrap_or_default();
-        let groups = findings.iter().map(|f| texts(&f["effects"])).filter(|g| claims && g.iter().any(|id| named.contains(id)));
+        let groups = findings
+            .iter()
+            .map(|f| texts(&f["effects"]))
+            .filter(|g| claims && g.iter().any(|id| named.contains(id)));
         let each = |key: &str, of: &str| -> Vec<String> {
             let all = d[key].as_array().cloned().unwrap_or_default();
-            let mut out: Vec<String> = all.iter().filter_map(|v| v[of].as_str().map(str::to_owned)).collect();
+            let mut out: Vec<String> = all
+                .iter()
+                .filter_map(|v| v[of].as_str().map(str::to_owned))
+                .collect();
             out.dedup();
             out
         };
         let error = |key: &str| {
             let errors = &d[key];
-            errors["validate"].as_f64().or_else(|| errors["identify"].as_f64())
+            errors["validate"]
+                .as_f64()
+                .or_else(|| errors["identify"].as_f64())
         };
-        let record = |r: &Value| Some((r["file"].as_str()?.to_owned(), r["role"].as_str()?.to_owned(), r["rms_um"].as_f64()?));
+        let record = |r: &Value| {
+            Some((
+                r["file"].as_str()?.to_owned(),
+                r["role"].as_str()?.to_owned(),
+                r["rms_um"].as_f64()?,
+            ))
+        };
         Ok(Self {
             reason: d["reason"].as_str().unwrap_or_default().to_owned(),
             groups: groups.collect(),
@@ -58,7 +79,9 @@ impl FinderAnswer {
             before_um: error("residual_rms_um"),
             after_um: error("residual_rms_after_um"),
             noise_um: d["noise_floor_um"].as_f64(),
-            records: json["records"].as_array().map_or_else(Vec::new, |all| all.iter().filter_map(record).collect()),
+            records: json["records"]
+                .as_array()
+                .map_or_else(Vec::new, |all| all.iter().filter_map(record).collect()),
             verdict,
         })
     }
@@ -67,7 +90,12 @@ impl FinderAnswer {
     /// nothing.
     pub fn said(&self) -> String {
         let changed = self.changed.iter().map(|id| format!("{id}*"));
-        let mut groups: Vec<String> = self.groups.iter().map(|g| g.join("|")).chain(changed).collect();
+        let mut groups: Vec<String> = self
+            .groups
+            .iter()
+            .map(|g| g.join("|"))
+            .chain(changed)
+            .collect();
         groups.sort();
         groups.join("+")
     }
@@ -79,6 +107,10 @@ impl FinderAnswer {
             group.sort();
             group
         });
-        Self { groups: sorted.collect(), ..self.clone() }.said()
+        Self {
+            groups: sorted.collect(),
+            ..self.clone()
+        }
+        .said()
     }
 }

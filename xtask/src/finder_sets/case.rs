@@ -47,7 +47,11 @@ pub struct SetCase {
 }
 
 /// Runs the program; its JSON, seconds, and seconds of all processors.
-pub fn answered(program: &Path, arguments: &[&str], json: &Path) -> Result<(Value, f64, f64), String> {
+pub fn answered(
+    program: &Path,
+    arguments: &[&str],
+    json: &Path,
+) -> Result<(Value, f64, f64), String> {
     let (begin, before_s) = (Instant::now(), of_children_s());
     let path = json.to_string_lossy();
     let run = Command::new(program)
@@ -62,10 +66,18 @@ pub fn answered(program: &Path, arguments: &[&str], json: &Path) -> Result<(Valu
     // `score` ends with 1 where a case is wrong, and has answered.
     if !matches!(run.status.code(), Some(0 | 1)) {
         let said = String::from_utf8_lossy(&run.stderr).trim().to_owned();
-        return Err(format!("hysteron {}: {}: {said}", arguments.join(" "), run.status));
+        return Err(format!(
+            "hysteron {}: {}: {said}",
+            arguments.join(" "),
+            run.status
+        ));
     }
     let text = std::fs::read_to_string(json).map_err(|e| format!("{path}: {e}"))?;
-    Ok((serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?, seconds, processor_s))
+    Ok((
+        serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?,
+        seconds,
+        processor_s,
+    ))
 }
 
 /// Seconds of processor of all children so far, from `/proc`; 0 without it, and the results note that.
@@ -73,19 +85,46 @@ fn of_children_s() -> f64 {
     const TICKS_PER_S: f64 = 100.0;
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     // The fields behind the name, which ends with the last bracket.
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = |at: usize| fields.get(at).and_then(|t| t.parse::<f64>().ok()).unwrap_or(0.0);
+    let fields: Vec<&str> = text
+        .rsplit(')')
+        .next()
+        .unwrap_or_default()
+        .split_whitespace()
+        .collect();
+    let ticks = |at: usize| {
+        fields
+            .get(at)
+            .and_then(|t| t.parse::<f64>().ok())
+            .unwrap_or(0.0)
+    };
     (ticks(13) + ticks(14)) / TICKS_PER_S
 }
 
 impl SetCase {
     /// A case whose names are compared with the truth.
-    pub fn named(name: String, data: PathBuf, from: &str, truth: CaseTruth, noise_um: Option<f64>) -> Self {
-        Self { name, data, start: CaseStart::Effects(from.to_owned()), check: CaseCheck::Names(truth), noise_um }
+    pub fn named(
+        name: String,
+        data: PathBuf,
+        from: &str,
+        truth: CaseTruth,
+        noise_um: Option<f64>,
+    ) -> Self {
+        Self {
+            name,
+            data,
+            start: CaseStart::Effects(from.to_owned()),
+            check: CaseCheck::Names(truth),
+            noise_um,
+        }
     }
 
     /// Runs it once.
-    pub fn run(&self, context: &Context, set: &'static str, results: &Results) -> Result<ResultRow, String> {
+    pub fn run(
+        &self,
+        context: &Context,
+        set: &'static str,
+        results: &Results,
+    ) -> Result<ResultRow, String> {
         if let CaseCheck::FrontEnds = self.check {
             return super::front_ends::compared(self, context, set);
         }
@@ -96,13 +135,26 @@ impl SetCase {
         let policy = context.policy.as_ref().map(|path| path.to_string_lossy());
         let policy: Vec<&str> = policy.iter().flat_map(|path| ["--policy", path]).collect();
         let asked = match &self.start {
-            CaseStart::Effects(from) => answered(&context.program, &[&["explain", &data, "--from", from], &policy[..]].concat(), &json),
+            CaseStart::Effects(from) => answered(
+                &context.program,
+                &[&["explain", &data, "--from", from], &policy[..]].concat(),
+                &json,
+            ),
             CaseStart::ModelOf(clean) => {
                 let model = model_of(context, clean)?;
-                answered(&context.program, &[&["diagnose", &model.to_string_lossy(), &data], &policy[..]].concat(), &json)
+                answered(
+                    &context.program,
+                    &[&["diagnose", &model.to_string_lossy(), &data], &policy[..]].concat(),
+                    &json,
+                )
             }
         };
-        let mut row = ResultRow { set: set.into(), case: self.name.clone(), truth: self.truth(), ..ResultRow::default() };
+        let mut row = ResultRow {
+            set: set.into(),
+            case: self.name.clone(),
+            truth: self.truth(),
+            ..ResultRow::default()
+        };
         // A data set that the program refuses is an answer too, and no name.
         let (answer, seconds, processor_s) = match asked {
             Ok((value, seconds, processor_s)) => (FinderAnswer::of(&value)?, seconds, processor_s),
@@ -115,10 +167,20 @@ impl SetCase {
         };
         row.fill(&answer, seconds, processor_s);
         row.mark = match &self.check {
-            CaseCheck::Names(truth) => mark(&answer, truth, || self.is_at_the_noise(context, &json))?.word().into(),
+            CaseCheck::Names(truth) => {
+                mark(&answer, truth, || self.is_at_the_noise(context, &json))?
+                    .word()
+                    .into()
+            }
             CaseCheck::SameAs(reference) => {
-                let names = results.names_of(set, reference).ok_or_else(|| format!("{reference} stands before {}", self.name))?;
-                if names == answer.names() { "same".into() } else { format!("other than {names}") }
+                let names = results
+                    .names_of(set, reference)
+                    .ok_or_else(|| format!("{reference} stands before {}", self.name))?;
+                if names == answer.names() {
+                    "same".into()
+                } else {
+                    format!("other than {names}")
+                }
             }
             CaseCheck::Errors(weights) => {
                 row.ends_um = ends_um(&answer, weights);
@@ -148,12 +210,24 @@ impl SetCase {
     /// Whether the effects that were started from, fitted, leave no more than the noise in any record: five
     /// standard deviations of the mean square of as many samples of noise.
     fn is_at_the_noise(&self, context: &Context, beside: &Path) -> Result<bool, String> {
-        let (CaseStart::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else { return Ok(true) };
+        let (CaseStart::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else {
+            return Ok(true);
+        };
         let json = beside.with_extension("base.json");
-        let (value, ..) = answered(&context.program, &["identify", &self.data.to_string_lossy(), "--effects", from], &json)?;
+        let (value, ..) = answered(
+            &context.program,
+            &["identify", &self.data.to_string_lossy(), "--effects", from],
+            &json,
+        )?;
         let records = value["records"].as_array().cloned().unwrap_or_default();
-        for record in records.iter().filter(|r| r["role"] == "identify" || r["role"] == "validate") {
-            let (Some(file), Some(rms_um)) = (record["file"].as_str(), record["rms_um"].as_f64()) else { continue };
+        for record in records
+            .iter()
+            .filter(|r| r["role"] == "identify" || r["role"] == "validate")
+        {
+            let (Some(file), Some(rms_um)) = (record["file"].as_str(), record["rms_um"].as_f64())
+            else {
+                continue;
+            };
             let samples = samples_of(&self.data.join(format!("{file}.csv")))?;
             let excess_um2 = rms_um * rms_um - noise_um * noise_um;
             if excess_um2 > 5.0 * noise_um * noise_um * (2.0 / samples).sqrt() {
@@ -174,13 +248,22 @@ fn samples_of(path: &Path) -> Result<f64, String> {
 pub fn model_of(context: &Context, data: &Path) -> Result<PathBuf, String> {
     let folder = context.folder_of("models")?.join(&context.label);
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let name = data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let name = data
+        .file_name()
+        .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let model = folder.join(format!("{name}.toml"));
     if !model.exists() {
         let out = model.to_string_lossy();
         answered(
             &context.program,
-            &["explain", &data.to_string_lossy(), "--from", "gain", "--out", &out],
+            &[
+                "explain",
+                &data.to_string_lossy(),
+                "--from",
+                "gain",
+                "--out",
+                &out,
+            ],
             &folder.join(format!("{name}.json")),
         )?;
     }
@@ -191,9 +274,13 @@ pub fn model_of(context: &Context, data: &Path) -> Result<PathBuf, String> {
 pub fn own_effects(context: &Context, data: &Path) -> Result<Vec<String>, String> {
     let json = model_of(context, data)?.with_extension("json");
     let text = std::fs::read_to_string(&json).map_err(|e| format!("{}: {e}", json.display()))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", json.display()))?;
+    let value: Value =
+        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", json.display()))?;
     let effects = value["effects"].as_array().cloned().unwrap_or_default();
-    Ok(effects.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+    Ok(effects
+        .iter()
+        .filter_map(|v| v.as_str().map(str::to_owned))
+        .collect())
 }
 
 /// Geometric mean of the errors on fitted and held-out records, um, each the root of the mean square over the
@@ -202,7 +289,10 @@ fn ends_um(answer: &FinderAnswer, samples: &[(String, f64)]) -> Option<f64> {
     let of = |role: &str| {
         let each = answer.records.iter().filter(|(_, r, _)| r == role);
         let (sum, count) = each.fold((0.0, 0.0), |(sum, count), (file, _, rms_um)| {
-            let weight = samples.iter().find(|(name, _)| name == file).map_or(1.0, |(_, n)| *n);
+            let weight = samples
+                .iter()
+                .find(|(name, _)| name == file)
+                .map_or(1.0, |(_, n)| *n);
             (sum + weight * rms_um * rms_um, count + weight)
         });
         (count > 0.0).then(|| (sum / count).sqrt())

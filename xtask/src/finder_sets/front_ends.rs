@@ -15,7 +15,9 @@ mod gone_wrong;
 pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let folder = context.folder_of("front_ends")?;
     let case = |wrong: Wrong| -> Result<SetCase, String> {
-        let data = wrong.write(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        let data = wrong
+            .write(&folder)
+            .map_err(|e| format!("{}: {e}", folder.display()))?;
         Ok(SetCase {
             name: wrong.name().into(),
             data,
@@ -24,30 +26,59 @@ pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, Str
             noise_um: None,
         })
     };
-    Ok(spread(CASES.into_iter().map(case).collect::<Result<Vec<_>, _>>()?, most))
+    Ok(spread(
+        CASES.into_iter().map(case).collect::<Result<Vec<_>, _>>()?,
+        most,
+    ))
 }
 
 /// Asks all front ends and compares.
 pub fn compared(case: &SetCase, context: &Context, set: &str) -> Result<ResultRow, String> {
-    let CaseStart::Effects(from) = &case.start else { return Err("a front end starts from effects".into()) };
+    let CaseStart::Effects(from) = &case.start else {
+        return Err("a front end starts from effects".into());
+    };
     let folder = context.folder_of("answers")?.join(&context.label);
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let json = folder.join(format!("{set}_{}.json", case.name));
-    let (cli, seconds, processor_s) = answered(&context.program, &["explain", &case.data.to_string_lossy(), "--from", from], &json)?;
+    let (cli, seconds, processor_s) = answered(
+        &context.program,
+        &["explain", &case.data.to_string_lossy(), "--from", from],
+        &json,
+    )?;
     let answer = FinderAnswer::of(&cli)?;
     let mut differs = Vec::new();
     let of_page = page::explained(&context.program, &case.data, from)?;
-    differs.extend(difference(&without_times(&cli), &without_times(&of_page), "").map(|at| format!("page at {at}")));
+    differs.extend(
+        difference(&without_times(&cli), &without_times(&of_page), "")
+            .map(|at| format!("page at {at}")),
+    );
     let parent = case.data.parent().ok_or("a case without folder")?;
     let scored = folder.join(format!("{set}_{}.score.json", case.name));
-    let (score, ..) = answered(&context.program, &["score", &parent.to_string_lossy()], &scored)?;
+    let (score, ..) = answered(
+        &context.program,
+        &["score", &parent.to_string_lossy()],
+        &scored,
+    )?;
     let of_score = &score["cases"][0];
-    if of_score["verdict"] != cli["diagnosis"]["verdict"] || of_score["named"] != cli["diagnosis"]["named"] {
-        differs.push(format!("score says {}", of_score["verdict"].as_str().unwrap_or_default()));
+    if of_score["verdict"] != cli["diagnosis"]["verdict"]
+        || of_score["named"] != cli["diagnosis"]["named"]
+    {
+        differs.push(format!(
+            "score says {}",
+            of_score["verdict"].as_str().unwrap_or_default()
+        ));
     }
-    let mut row = ResultRow { set: set.into(), case: case.name.clone(), ..ResultRow::default() };
+    let mut row = ResultRow {
+        set: set.into(),
+        case: case.name.clone(),
+        ..ResultRow::default()
+    };
     row.fill(&answer, seconds, processor_s);
-    row.mark = if differs.is_empty() { "equal".into() } else { differs.join("; ").replace(',', " ") };
+    row.mark = if differs.is_empty() {
+        "equal".into()
+    } else {
+        differs.join("; ").replace(',', " ")
+    };
     Ok(row)
 }
 
@@ -64,15 +95,18 @@ fn difference(a: &Value, b: &Value, at: &str) -> Option<String> {
     match (a, b) {
         (Value::Object(x), Value::Object(y)) => {
             let keys: std::collections::BTreeSet<&String> = x.keys().chain(y.keys()).collect();
-            let each = |key: &&String| difference(x.get(*key)?, y.get(*key)?, &format!("{at}.{key}"));
+            let each =
+                |key: &&String| difference(x.get(*key)?, y.get(*key)?, &format!("{at}.{key}"));
             keys.iter()
                 .find(|key| !x.contains_key(**key) || !y.contains_key(**key))
                 .map(|key| format!("{at}.{key}"))
                 .or_else(|| keys.iter().find_map(each))
         }
-        (Value::Array(x), Value::Array(y)) if x.len() == y.len() => {
-            x.iter().zip(y).enumerate().find_map(|(i, (x, y))| difference(x, y, &format!("{at}[{i}]")))
-        }
+        (Value::Array(x), Value::Array(y)) if x.len() == y.len() => x
+            .iter()
+            .zip(y)
+            .enumerate()
+            .find_map(|(i, (x, y))| difference(x, y, &format!("{at}[{i}]"))),
         _ => (a != b).then(|| at.to_owned()),
     }
 }

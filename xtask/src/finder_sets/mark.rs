@@ -5,7 +5,14 @@ use super::answer::FinderAnswer;
 /// An "or" of more effects than this is no answer.
 const SET_MAX: usize = 3;
 /// Structures of hysteresis: loops of any are what a model without hysteresis misses.
-const LOOPS: [&str; 6] = ["hysteresis", "prandtl_ishlinskii", "modified_prandtl_ishlinskii", "maxwell_slip", "bouc_wen", "duhem"];
+const LOOPS: [&str; 6] = [
+    "hysteresis",
+    "prandtl_ishlinskii",
+    "modified_prandtl_ishlinskii",
+    "maxwell_slip",
+    "bouc_wen",
+    "duhem",
+];
 
 /// What is true of a case.
 #[derive(Clone, Debug)]
@@ -63,9 +70,17 @@ fn same(said: &str, of: &str) -> bool {
 
 /// Marks an answer; `at_the_noise` says whether the fitted first model leaves no more than the noise, where
 /// that is asked.
-pub fn mark(answer: &FinderAnswer, truth: &CaseTruth, at_the_noise: impl FnOnce() -> Result<bool, String>) -> Result<Mark, String> {
+pub fn mark(
+    answer: &FinderAnswer,
+    truth: &CaseTruth,
+    at_the_noise: impl FnOnce() -> Result<bool, String>,
+) -> Result<Mark, String> {
     let wrong_where = |is_true: &dyn Fn(&String) -> bool| {
-        let false_groups: Vec<&Vec<String>> = answer.groups.iter().filter(|g| !g.iter().any(is_true)).collect();
+        let false_groups: Vec<&Vec<String>> = answer
+            .groups
+            .iter()
+            .filter(|g| !g.iter().any(is_true))
+            .collect();
         match false_groups.iter().map(|g| g.len()).min() {
             None => None,
             Some(1) => Some(Mark::Wrong),
@@ -88,8 +103,12 @@ pub fn mark(answer: &FinderAnswer, truth: &CaseTruth, at_the_noise: impl FnOnce(
         },
         CaseTruth::Missing(missing, also) => {
             let is_true = |id: &String| missing.iter().chain(also).any(|of| same(id, of));
-            let holds = |of: &String, group: &&Vec<String>| group.len() <= SET_MAX && group.iter().any(|said| same(said, of));
-            let all_there = missing.iter().all(|of| answer.groups.iter().any(|group| holds(of, &group)));
+            let holds = |of: &String, group: &&Vec<String>| {
+                group.len() <= SET_MAX && group.iter().any(|said| same(said, of))
+            };
+            let all_there = missing
+                .iter()
+                .all(|of| answer.groups.iter().any(|group| holds(of, &group)));
             match wrong_where(&is_true) {
                 Some(wrong) => wrong,
                 None if all_there && answer.groups.iter().all(|g| g.len() == 1) => Mark::Right,
@@ -121,27 +140,84 @@ mod tests {
     use super::*;
 
     fn marked(verdict: &str, groups: &[&[&str]], truth: &CaseTruth) -> Mark {
-        let groups = groups.iter().map(|g| g.iter().map(|id| (*id).to_owned()).collect()).collect();
-        mark(&FinderAnswer { verdict: verdict.into(), groups, ..FinderAnswer::default() }, truth, || Ok(true)).unwrap()
+        let groups = groups
+            .iter()
+            .map(|g| g.iter().map(|id| (*id).to_owned()).collect())
+            .collect();
+        mark(
+            &FinderAnswer {
+                verdict: verdict.into(),
+                groups,
+                ..FinderAnswer::default()
+            },
+            truth,
+            || Ok(true),
+        )
+        .unwrap()
     }
 
     #[test]
     fn a_name_too_many_is_wrong_and_a_long_or_says_nothing() {
-        let missing = |ids: &[&str]| CaseTruth::Missing(ids.iter().map(|id| (*id).to_owned()).collect(), Vec::new());
-        assert_eq!(marked("named", &[&["creep"]], &missing(&["creep"])), Mark::Right);
-        assert_eq!(marked("named", &[&["bouc_wen"]], &missing(&["hysteresis"])), Mark::Right);
-        assert_eq!(marked("named", &[&["creep"], &["delay"]], &missing(&["creep"])), Mark::Wrong);
-        assert_eq!(marked("ambiguous", &[&["delay", "creep"]], &missing(&["creep"])), Mark::InSet);
-        assert_eq!(marked("ambiguous", &[&["a", "b"]], &missing(&["creep"])), Mark::WrongOr);
-        assert_eq!(marked("ambiguous", &[&["a", "b", "c", "creep"]], &missing(&["creep"])), Mark::Missed);
-        assert_eq!(marked("named", &[&["creep"]], &missing(&["creep", "delay"])), Mark::Missed);
-        assert_eq!(marked("at_floor", &[], &missing(&["creep"])), Mark::Absorbed);
+        let missing = |ids: &[&str]| {
+            CaseTruth::Missing(ids.iter().map(|id| (*id).to_owned()).collect(), Vec::new())
+        };
+        assert_eq!(
+            marked("named", &[&["creep"]], &missing(&["creep"])),
+            Mark::Right
+        );
+        assert_eq!(
+            marked("named", &[&["bouc_wen"]], &missing(&["hysteresis"])),
+            Mark::Right
+        );
+        assert_eq!(
+            marked("named", &[&["creep"], &["delay"]], &missing(&["creep"])),
+            Mark::Wrong
+        );
+        assert_eq!(
+            marked("ambiguous", &[&["delay", "creep"]], &missing(&["creep"])),
+            Mark::InSet
+        );
+        assert_eq!(
+            marked("ambiguous", &[&["a", "b"]], &missing(&["creep"])),
+            Mark::WrongOr
+        );
+        assert_eq!(
+            marked(
+                "ambiguous",
+                &[&["a", "b", "c", "creep"]],
+                &missing(&["creep"])
+            ),
+            Mark::Missed
+        );
+        assert_eq!(
+            marked("named", &[&["creep"]], &missing(&["creep", "delay"])),
+            Mark::Missed
+        );
+        assert_eq!(
+            marked("at_floor", &[], &missing(&["creep"])),
+            Mark::Absorbed
+        );
         assert_eq!(marked("at_floor", &[], &CaseTruth::Nothing), Mark::Right);
-        assert_eq!(marked("unexplained", &[], &CaseTruth::Nothing), Mark::Missed);
-        assert_eq!(marked("named", &[&["creep"]], &CaseTruth::Outside), Mark::Wrong);
+        assert_eq!(
+            marked("unexplained", &[], &CaseTruth::Nothing),
+            Mark::Missed
+        );
+        assert_eq!(
+            marked("named", &[&["creep"]], &CaseTruth::Outside),
+            Mark::Wrong
+        );
         let altered = CaseTruth::Altered(vec!["delay".into()], vec!["creep".into()]);
-        assert_eq!(marked("named", &[&["creep"], &["delay"]], &altered), Mark::Right);
-        assert_eq!(marked("named", &[&["friction"], &["delay"]], &altered), Mark::Wrong);
-        assert_eq!(marked("ambiguous", &[&["delay", "friction"]], &altered), Mark::InSet);
+        assert_eq!(
+            marked("named", &[&["creep"], &["delay"]], &altered),
+            Mark::Right
+        );
+        assert_eq!(
+            marked("named", &[&["friction"], &["delay"]], &altered),
+            Mark::Wrong
+        );
+        assert_eq!(
+            marked("ambiguous", &[&["delay", "friction"]], &altered),
+            Mark::InSet
+        );
     }
 }

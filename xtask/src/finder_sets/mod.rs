@@ -41,19 +41,71 @@ pub struct Set {
 
 /// All sets, in the order of the table.
 pub const SETS: [Set; 13] = [
-    Set { name: "planted", asked: "in set 98 %, wrong 0", cases: planted::shared },
-    Set { name: "all", asked: "in set 98 %, wrong 0", cases: planted::all },
-    Set { name: "nothing", asked: "named 5 %", cases: planted::nothing },
-    Set { name: "pairs", asked: "in set 97 %", cases: planted::pairs },
-    Set { name: "triples", asked: "in set 93 %", cases: planted::triples },
-    Set { name: "loops", asked: "in set 97 %, wrong 0", cases: planted::other_loops },
-    Set { name: "altered", asked: "in set 30 of 30, wrong 0", cases: altered::from_the_model },
-    Set { name: "altered_gain", asked: "in set 28 of 30, wrong 0", cases: altered::from_a_gain },
-    Set { name: "unaltered", asked: "named 0", cases: altered::unaltered },
-    Set { name: "recorded", asked: "each 10 s, median 5 s", cases: recorded::twelve },
-    Set { name: "speed", asked: "example 5 s, 20 Hz 8 s", cases: recorded::speed },
-    Set { name: "invariance", asked: "same names 98 %", cases: invariance::cases },
-    Set { name: "front_ends", asked: "equal", cases: front_ends::cases },
+    Set {
+        name: "planted",
+        asked: "in set 98 %, wrong 0",
+        cases: planted::shared,
+    },
+    Set {
+        name: "all",
+        asked: "in set 98 %, wrong 0",
+        cases: planted::all,
+    },
+    Set {
+        name: "nothing",
+        asked: "named 5 %",
+        cases: planted::nothing,
+    },
+    Set {
+        name: "pairs",
+        asked: "in set 97 %",
+        cases: planted::pairs,
+    },
+    Set {
+        name: "triples",
+        asked: "in set 93 %",
+        cases: planted::triples,
+    },
+    Set {
+        name: "loops",
+        asked: "in set 97 %, wrong 0",
+        cases: planted::other_loops,
+    },
+    Set {
+        name: "altered",
+        asked: "in set 30 of 30, wrong 0",
+        cases: altered::from_the_model,
+    },
+    Set {
+        name: "altered_gain",
+        asked: "in set 28 of 30, wrong 0",
+        cases: altered::from_a_gain,
+    },
+    Set {
+        name: "unaltered",
+        asked: "named 0",
+        cases: altered::unaltered,
+    },
+    Set {
+        name: "recorded",
+        asked: "each 10 s, median 5 s",
+        cases: recorded::twelve,
+    },
+    Set {
+        name: "speed",
+        asked: "example 5 s, 20 Hz 8 s",
+        cases: recorded::speed,
+    },
+    Set {
+        name: "invariance",
+        asked: "same names 98 %",
+        cases: invariance::cases,
+    },
+    Set {
+        name: "front_ends",
+        asked: "equal",
+        cases: front_ends::cases,
+    },
 ];
 
 /// What every set needs to know.
@@ -78,13 +130,24 @@ impl Context {
 /// A folder of the data beside the project.
 fn beside(path: &str) -> Result<PathBuf, String> {
     let folder = root().join("../shared/data").join(path);
-    if folder.exists() { Ok(folder) } else { Err(format!("{}: is not there; this set needs it", folder.display())) }
+    if folder.exists() {
+        Ok(folder)
+    } else {
+        Err(format!(
+            "{}: is not there; this set needs it",
+            folder.display()
+        ))
+    }
 }
 
 /// Some of many, evenly spread.
 fn spread<T>(mut all: Vec<T>, most: Option<usize>) -> Vec<T> {
-    let (count, Some(most)) = (all.len(), most.filter(|most| *most < all.len())) else { return all };
-    let kept: Vec<usize> = (0..most).map(|i| (2 * i + 1) * count / (2 * most)).collect();
+    let (count, Some(most)) = (all.len(), most.filter(|most| *most < all.len())) else {
+        return all;
+    };
+    let kept: Vec<usize> = (0..most)
+        .map(|i| (2 * i + 1) * count / (2 * most))
+        .collect();
     let mut at = 0;
     all.retain(|_| {
         at += 1;
@@ -95,7 +158,9 @@ fn spread<T>(mut all: Vec<T>, most: Option<usize>) -> Vec<T> {
 
 /// The value of an option, which is taken out of the arguments.
 fn option_of(arguments: &mut Vec<String>, name: &str) -> Result<Option<String>, String> {
-    let Some(at) = arguments.iter().position(|a| a == name) else { return Ok(None) };
+    let Some(at) = arguments.iter().position(|a| a == name) else {
+        return Ok(None);
+    };
     if at + 1 == arguments.len() {
         return Err(format!("{name} expects a value"));
     }
@@ -108,24 +173,48 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     let mut option = |name: &str| option_of(&mut asked, name);
     let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
     let label = option("--label")?.unwrap_or_else(|| "new".into());
-    let number = |text: String| text.parse().map_err(|_| format!("--sample {text}: expected a whole number"));
+    let number = |text: String| {
+        text.parse()
+            .map_err(|_| format!("--sample {text}: expected a whole number"))
+    };
     let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
     let policy = option("--policy")?.map(PathBuf::from);
     let write_to = option("--write-altered")?;
-    let only_table = asked.iter().position(|a| a == "--table").map(|at| asked.remove(at)).is_some();
-    if let Some(unknown) = asked.iter().find(|name| SETS.iter().all(|set| set.name != **name)) {
-        return Err(format!("{unknown}: expected some of {}", SETS.map(|set| set.name).join(", ")));
+    let only_table = asked
+        .iter()
+        .position(|a| a == "--table")
+        .map(|at| asked.remove(at))
+        .is_some();
+    if let Some(unknown) = asked
+        .iter()
+        .find(|name| SETS.iter().all(|set| set.name != **name))
+    {
+        return Err(format!(
+            "{unknown}: expected some of {}",
+            SETS.map(|set| set.name).join(", ")
+        ));
     }
-    let context = Context { program, label, folder: root().join("target/finder_sets"), policy };
+    let context = Context {
+        program,
+        label,
+        folder: root().join("target/finder_sets"),
+        policy,
+    };
     if let Some(folder) = write_to {
         return altered::write_all(&context, Path::new(&folder));
     }
     if !only_table {
         if !context.program.exists() {
-            return Err(format!("{}: is not there; cargo build --release -p hysteron-cli, or --program PATH", context.program.display()));
+            return Err(format!(
+                "{}: is not there; cargo build --release -p hysteron-cli, or --program PATH",
+                context.program.display()
+            ));
         }
         let mut results = Results::open(&context.label)?;
-        for set in SETS.iter().filter(|set| asked.is_empty() || asked.iter().any(|name| name == set.name)) {
+        for set in SETS
+            .iter()
+            .filter(|set| asked.is_empty() || asked.iter().any(|name| name == set.name))
+        {
             match (set.cases)(&context, sample) {
                 Ok(cases) => run_set(&context, set, &cases, &mut results)?,
                 // A set whose data are not here reports that; the others run.
@@ -137,7 +226,12 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     Ok(())
 }
 
-fn run_set(context: &Context, set: &Set, cases: &[SetCase], results: &mut Results) -> Result<(), String> {
+fn run_set(
+    context: &Context,
+    set: &Set,
+    cases: &[SetCase],
+    results: &mut Results,
+) -> Result<(), String> {
     for case in cases {
         if results.has(set.name, &case.name) {
             continue;

@@ -31,10 +31,19 @@ impl Lab {
             .map_err(|e| format!("{}: {e}", program.display()))?;
         let mut address = String::new();
         let said = child.stdout.take().ok_or("the lab says nothing")?;
-        BufReader::new(said).read_line(&mut address).map_err(|e| format!("the lab's address: {e}"))?;
-        let parts = address.trim().strip_prefix("http://").and_then(|rest| rest.split_once("/?token="));
+        BufReader::new(said)
+            .read_line(&mut address)
+            .map_err(|e| format!("the lab's address: {e}"))?;
+        let parts = address
+            .trim()
+            .strip_prefix("http://")
+            .and_then(|rest| rest.split_once("/?token="));
         let (host, token) = parts.ok_or_else(|| format!("the lab's address: {address}"))?;
-        Ok(Self { program: child, host: host.to_owned(), token: token.to_owned() })
+        Ok(Self {
+            program: child,
+            host: host.to_owned(),
+            token: token.to_owned(),
+        })
     }
 
     fn ask(&self, question: &Value) -> Result<Value, String> {
@@ -48,7 +57,9 @@ impl Lab {
             body.len()
         );
         let mut stream = TcpStream::connect(&self.host).map_err(told)?;
-        stream.write_all(&[head.as_bytes(), &body].concat()).map_err(told)?;
+        stream
+            .write_all(&[head.as_bytes(), &body].concat())
+            .map_err(told)?;
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).map_err(told)?;
         let body = answer
@@ -56,9 +67,15 @@ impl Lab {
             .position(|w| w == b"\r\n\r\n")
             .map(|at| &answer[at + 4..])
             .ok_or("the lab's answer has no end of its head")?;
-        let length: [u8; 8] = body.get(..8).and_then(|b| b.try_into().ok()).ok_or("the lab's answer is cut off")?;
-        let json = body.get(8..8 + u64::from_le_bytes(length) as usize).ok_or("the lab's answer is cut off")?;
-        let value: Value = serde_json::from_slice(json).map_err(|e| format!("the lab's answer: {e}"))?;
+        let length: [u8; 8] = body
+            .get(..8)
+            .and_then(|b| b.try_into().ok())
+            .ok_or("the lab's answer is cut off")?;
+        let json = body
+            .get(8..8 + u64::from_le_bytes(length) as usize)
+            .ok_or("the lab's answer is cut off")?;
+        let value: Value =
+            serde_json::from_slice(json).map_err(|e| format!("the lab's answer: {e}"))?;
         match value.get("error") {
             Some(error) => Err(format!("the lab: {error}")),
             None => Ok(value),
@@ -72,6 +89,8 @@ pub fn explained(program: &Path, data: &Path, from: &str) -> Result<Value, Strin
     lab.ask(&json!({ "ask": "served" }))?;
     lab.ask(&json!({ "ask": "explain", "from": from }))?;
     let figures = lab.ask(&json!({ "ask": "figures", "seconds": 0.0, "of_search": true }))?;
-    let text = figures["text"].as_str().ok_or("the lab's figures hold no text")?;
+    let text = figures["text"]
+        .as_str()
+        .ok_or("the lab's figures hold no text")?;
     serde_json::from_str(text).map_err(|e| format!("the lab's figures: {e}"))
 }

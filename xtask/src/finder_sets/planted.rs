@@ -10,7 +10,12 @@ use std::process::{Command, Stdio};
 /// Seeds that nothing was developed on.
 const SEEDS: [u64; 3] = [611_000, 722_000, 833_000];
 /// Structures of hysteresis other than the surfaces.
-const OTHER_LOOPS: [&str; 4] = ["prandtl_ishlinskii", "modified_prandtl_ishlinskii", "maxwell_slip", "bouc_wen"];
+const OTHER_LOOPS: [&str; 4] = [
+    "prandtl_ishlinskii",
+    "modified_prandtl_ishlinskii",
+    "maxwell_slip",
+    "bouc_wen",
+];
 
 /// The cases of another program.
 pub fn shared(_: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
@@ -30,7 +35,10 @@ pub fn nothing(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, S
 }
 
 fn is_nothing(case: &SetCase) -> bool {
-    matches!(case.check, super::case::CaseCheck::Names(CaseTruth::Nothing))
+    matches!(
+        case.check,
+        super::case::CaseCheck::Names(CaseTruth::Nothing)
+    )
 }
 
 /// Two hidden effects.
@@ -48,7 +56,14 @@ pub fn other_loops(context: &Context, most: Option<usize>) -> Result<Vec<SetCase
     let quota = most.map(|most| most.div_ceil(OTHER_LOOPS.len()));
     let mut out = Vec::new();
     for structure in OTHER_LOOPS {
-        out.extend(of_seeds(context, "all", structure, "2", &SEEDS[..2], quota)?);
+        out.extend(of_seeds(
+            context,
+            "all",
+            structure,
+            "2",
+            &SEEDS[..2],
+            quota,
+        )?);
     }
     Ok(out)
 }
@@ -70,7 +85,11 @@ fn of_seeds(
         }
         let name = format!("{kinds}_{loops}_{seed}");
         let folder = planted(context, &name, kinds, loops, strengths, *seed, 1)?;
-        let prefix = if loops == "hysteresis" { format!("{seed}/") } else { format!("{loops}/{seed}/") };
+        let prefix = if loops == "hysteresis" {
+            format!("{seed}/")
+        } else {
+            format!("{loops}/{seed}/")
+        };
         out.extend(spread(of_folder(&folder, &prefix)?, quota));
     }
     Ok(out)
@@ -91,9 +110,26 @@ fn planted(
         return Ok(folder);
     }
     println!("planting {name}");
-    let (out, seed, cases) = (folder.to_string_lossy().into_owned(), seed.to_string(), cases.to_string());
-    let arguments =
-        ["plant", kinds, "--out", &out, "--hysteresis", loops, "--strengths", strengths, "--seed", &seed, "--cases", &cases, "--force"];
+    let (out, seed, cases) = (
+        folder.to_string_lossy().into_owned(),
+        seed.to_string(),
+        cases.to_string(),
+    );
+    let arguments = [
+        "plant",
+        kinds,
+        "--out",
+        &out,
+        "--hysteresis",
+        loops,
+        "--strengths",
+        strengths,
+        "--seed",
+        &seed,
+        "--cases",
+        &cases,
+        "--force",
+    ];
     let run = Command::new(&context.program)
         .args(arguments)
         .stdin(Stdio::null())
@@ -102,7 +138,11 @@ fn planted(
     if run.status.success() {
         Ok(folder)
     } else {
-        Err(format!("hysteron {}: {}", arguments.join(" "), String::from_utf8_lossy(&run.stderr)))
+        Err(format!(
+            "hysteron {}: {}",
+            arguments.join(" "),
+            String::from_utf8_lossy(&run.stderr)
+        ))
     }
 }
 
@@ -110,14 +150,21 @@ fn planted(
 pub fn of_folder(folder: &Path, prefix: &str) -> Result<Vec<SetCase>, String> {
     let path = folder.join("truth.json");
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let truths: Vec<Value> = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+    let truths: Vec<Value> =
+        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let case = |truth: &Value| -> Option<SetCase> {
         let name = truth["name"].as_str()?;
         let ids = |key: &str| {
-            truth[key].as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+            truth[key].as_array().map_or_else(Vec::new, |all| {
+                all.iter()
+                    .filter_map(|v| v.as_str().map(str::to_owned))
+                    .collect()
+            })
         };
-        let missing: Vec<String> =
-            ["hidden", "second", "third"].into_iter().filter_map(|key| truth[key].as_str().map(str::to_owned)).collect();
+        let missing: Vec<String> = ["hidden", "second", "third"]
+            .into_iter()
+            .filter_map(|key| truth[key].as_str().map(str::to_owned))
+            .collect();
         let known = if missing.is_empty() {
             CaseTruth::Nothing
         } else if missing.iter().any(|id| id.starts_with("outside_library")) {
@@ -125,9 +172,22 @@ pub fn of_folder(folder: &Path, prefix: &str) -> Result<Vec<SetCase>, String> {
         } else {
             CaseTruth::Missing(missing.clone(), ids("also"))
         };
-        let what = if missing.is_empty() { "none".into() } else { missing.join("+") };
+        let what = if missing.is_empty() {
+            "none".into()
+        } else {
+            missing.join("+")
+        };
         let base: Vec<String> = ids("base");
-        Some(SetCase::named(format!("{prefix}{name} {what}"), folder.join(name), &base.join(","), known, truth["noise_um"].as_f64()))
+        Some(SetCase::named(
+            format!("{prefix}{name} {what}"),
+            folder.join(name),
+            &base.join(","),
+            known,
+            truth["noise_um"].as_f64(),
+        ))
     };
-    truths.iter().map(|t| case(t).ok_or_else(|| format!("{}: a case without name", path.display()))).collect()
+    truths
+        .iter()
+        .map(|t| case(t).ok_or_else(|| format!("{}: a case without name", path.display())))
+        .collect()
 }

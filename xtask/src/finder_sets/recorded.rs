@@ -36,29 +36,56 @@ struct RecordedSet {
 
 /// What a line of a manifest's text says in seconds or Hz.
 fn number(text: &str, key: &str) -> Option<f64> {
-    text.lines().find_map(|line| line.strip_prefix(key)?.trim().strip_prefix('=')?.trim().parse().ok())
+    text.lines().find_map(|line| {
+        line.strip_prefix(key)?
+            .trim()
+            .strip_prefix('=')?
+            .trim()
+            .parse()
+            .ok()
+    })
 }
 
 /// The twelve sets.
 pub fn twelve(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
-    let (data, path) = (beside("measured")?, root().join("tests/manifests/recorded_sets.toml"));
+    let (data, path) = (
+        beside("measured")?,
+        root().join("tests/manifests/recorded_sets.toml"),
+    );
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let file: File = toml::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let folder = context.folder_of("recorded")?;
     let case = |set: &RecordedSet| -> Result<SetCase, String> {
-        let stage = file.stage.get(&set.stage).ok_or_else(|| format!("{}: no stage {}", path.display(), set.stage))?;
+        let stage = file
+            .stage
+            .get(&set.stage)
+            .ok_or_else(|| format!("{}: no stage {}", path.display(), set.stage))?;
         let into = folder.join(set.name.replace('+', "_"));
-        let mut manifest = format!("name = \"{}\"\ndrive_min_v = -{:.1}\ndrive_max_v = {:.1}\n", set.name, stage.span_v, stage.span_v);
+        let mut manifest = format!(
+            "name = \"{}\"\ndrive_min_v = -{:.1}\ndrive_max_v = {:.1}\n",
+            set.name, stage.span_v, stage.span_v
+        );
         let mut weights = Vec::new();
-        let each = set.fitted.iter().map(|name| ("identify", name)).chain(set.held_out.iter().map(|name| ("validate", name)));
+        let each = set
+            .fitted
+            .iter()
+            .map(|name| ("identify", name))
+            .chain(set.held_out.iter().map(|name| ("validate", name)));
         for (role, name) in each {
             let source = stage.copy_of.get(name).unwrap_or(name);
-            copy(&data.join(&set.stage).join(format!("{source}.csv")), &into.join(format!("{name}.csv")))?;
+            copy(
+                &data.join(&set.stage).join(format!("{source}.csv")),
+                &into.join(format!("{name}.csv")),
+            )?;
             let part = stage.other.get(name).unwrap_or(&stage.record);
-            let _ = write!(manifest, "\n[[record]]\nfile = \"{name}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n");
+            let _ = write!(
+                manifest,
+                "\n[[record]]\nfile = \"{name}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n"
+            );
             let rate_hz = number(part, "sample_rate_hz").unwrap_or(1.0);
             let from = number(part, "from_s").unwrap_or(0.0) * rate_hz;
-            let rows = std::fs::read_to_string(into.join(format!("{name}.csv"))).map_or(0, |t| t.lines().count()) as f64;
+            let rows = std::fs::read_to_string(into.join(format!("{name}.csv")))
+                .map_or(0, |t| t.lines().count()) as f64;
             let to = number(part, "to_s").map_or(rows, |s| s * rate_hz);
             weights.push((name.clone(), to - from));
         }
@@ -101,7 +128,9 @@ pub fn copy(from: &Path, to: &Path) -> Result<(), String> {
         return Ok(());
     }
     made(to)?;
-    std::fs::copy(from, to).map(drop).map_err(|e| format!("{} to {}: {e}", from.display(), to.display()))
+    std::fs::copy(from, to)
+        .map(drop)
+        .map_err(|e| format!("{} to {}: {e}", from.display(), to.display()))
 }
 
 /// Writes a text.

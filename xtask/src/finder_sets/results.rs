@@ -51,28 +51,55 @@ impl ResultRow {
         self.reason.clone_from(&answer.reason);
         self.said = answer.said();
         self.issues = answer.issues.join("+");
-        (self.before_um, self.after_um, self.noise_um) = (answer.before_um, answer.after_um, answer.noise_um);
+        (self.before_um, self.after_um, self.noise_um) =
+            (answer.before_um, answer.after_um, answer.noise_um);
         (self.seconds, self.processor_s) = (seconds, processor_s);
     }
 
     /// For the terminal.
     pub fn line(&self) -> String {
-        format!("{:<12} {:<34} {:<10} {:<13} {:<40} {:>6.1} s", self.set, self.case, self.mark, self.verdict, self.said, self.seconds)
+        format!(
+            "{:<12} {:<34} {:<10} {:<13} {:<40} {:>6.1} s",
+            self.set, self.case, self.mark, self.verdict, self.said, self.seconds
+        )
     }
 
     fn csv(&self) -> String {
         let nm = |um: Option<f64>| um.map_or_else(String::new, |um| format!("{:.4}", 1e3 * um));
-        let mut out = format!("{},{},{},{},{},{},{}", self.set, self.case, self.truth, self.verdict, self.reason, self.said, self.issues);
+        let mut out = format!(
+            "{},{},{},{},{},{},{}",
+            self.set, self.case, self.truth, self.verdict, self.reason, self.said, self.issues
+        );
         for um in [self.before_um, self.after_um, self.noise_um, self.ends_um] {
             let _ = write!(out, ",{}", nm(um));
         }
-        let _ = write!(out, ",{:.2},{:.2},{},{}", self.seconds, self.processor_s, self.mark, self.names);
+        let _ = write!(
+            out,
+            ",{:.2},{:.2},{},{}",
+            self.seconds, self.processor_s, self.mark, self.names
+        );
         out
     }
 
     fn parsed(line: &str) -> Option<Self> {
         let fields: Vec<&str> = line.split(',').collect();
-        let [set, case, truth, verdict, reason, said, issues, before, after, noise, ends, seconds, processor_s, mark, names] = fields[..]
+        let [
+            set,
+            case,
+            truth,
+            verdict,
+            reason,
+            said,
+            issues,
+            before,
+            after,
+            noise,
+            ends,
+            seconds,
+            processor_s,
+            mark,
+            names,
+        ] = fields[..]
         else {
             return None;
         };
@@ -109,28 +136,53 @@ pub struct Results {
 impl Results {
     /// Reads what is there.
     pub fn open(label: &str) -> Result<Self, String> {
-        Self::at(label, root().join(FOLDER).join(format!("finder_{label}.csv")))
+        Self::at(
+            label,
+            root().join(FOLDER).join(format!("finder_{label}.csv")),
+        )
     }
 
     /// The same of another file.
     pub fn at(label: &str, path: PathBuf) -> Result<Self, String> {
         let mut rows = Vec::new();
         if path.exists() {
-            let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            let text =
+                std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
             for (at, line) in text.lines().enumerate().skip(1) {
                 let row = ResultRow::parsed(line);
-                rows.push(row.ok_or_else(|| format!("{}, row {}: expected the columns {HEADER}", path.display(), at + 1))?);
+                rows.push(row.ok_or_else(|| {
+                    format!(
+                        "{}, row {}: expected the columns {HEADER}",
+                        path.display(),
+                        at + 1
+                    )
+                })?);
             }
         }
-        Ok(Self { label: label.into(), path, rows })
+        Ok(Self {
+            label: label.into(),
+            path,
+            rows,
+        })
     }
 
     /// Every label that has results.
     pub fn all() -> Result<Vec<Self>, String> {
-        let entries = std::fs::read_dir(root().join(FOLDER)).map(|e| e.flatten().collect()).unwrap_or_else(|_| Vec::new());
+        let entries = std::fs::read_dir(root().join(FOLDER))
+            .map(|e| e.flatten().collect())
+            .unwrap_or_else(|_| Vec::new());
         let name = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
-        let mut labels: Vec<String> =
-            entries.iter().filter_map(|e| Some(name(e).strip_prefix("finder_")?.strip_suffix(".csv")?.to_owned())).collect();
+        let mut labels: Vec<String> = entries
+            .iter()
+            .filter_map(|e| {
+                Some(
+                    name(e)
+                        .strip_prefix("finder_")?
+                        .strip_suffix(".csv")?
+                        .to_owned(),
+                )
+            })
+            .collect();
         labels.sort();
         labels.iter().map(|label| Self::open(label)).collect()
     }
@@ -142,7 +194,10 @@ impl Results {
 
     /// What was named in a case.
     pub fn names_of(&self, set: &str, case: &str) -> Option<String> {
-        self.rows.iter().find(|r| r.set == set && r.case == case).map(|r| r.names.clone())
+        self.rows
+            .iter()
+            .find(|r| r.set == set && r.case == case)
+            .map(|r| r.names.clone())
     }
 
     /// Adds a row, in the file at once.
@@ -150,9 +205,18 @@ impl Results {
         let told = |e: std::io::Error| format!("{}: {e}", self.path.display());
         std::fs::create_dir_all(root().join(FOLDER)).map_err(told)?;
         let is_new = !self.path.exists();
-        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&self.path).map_err(told)?;
-        let header = if is_new { format!("{HEADER}\n") } else { String::new() };
-        file.write_all(format!("{header}{}\n", row.csv()).as_bytes()).map_err(told)?;
+        let mut file = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&self.path)
+            .map_err(told)?;
+        let header = if is_new {
+            format!("{HEADER}\n")
+        } else {
+            String::new()
+        };
+        file.write_all(format!("{header}{}\n", row.csv()).as_bytes())
+            .map_err(told)?;
         self.rows.push(row);
         Ok(())
     }

@@ -12,7 +12,8 @@ pub fn print(all: &[Results]) {
     );
     for set in &SETS {
         for results in all {
-            let mut rows: Vec<&ResultRow> = results.rows.iter().filter(|r| r.set == set.name).collect();
+            let mut rows: Vec<&ResultRow> =
+                results.rows.iter().filter(|r| r.set == set.name).collect();
             // The references of a comparison are no cases.
             rows.retain(|r| set.name != "invariance" || r.mark != "-");
             if rows.is_empty() {
@@ -40,11 +41,19 @@ fn times(rows: &[&ResultRow]) -> (f64, f64, f64) {
         all
     };
     let (wall, processor) = (sorted(|r| r.seconds), sorted(|r| r.processor_s));
-    (wall[wall.len() / 2], wall[wall.len() - 1], processor[processor.len() / 2])
+    (
+        wall[wall.len() / 2],
+        wall[wall.len() - 1],
+        processor[processor.len() / 2],
+    )
 }
 
 fn got(set: &Set, rows: &[&ResultRow]) -> String {
-    let count = |marks: &[&str]| rows.iter().filter(|r| marks.contains(&r.mark.as_str())).count();
+    let count = |marks: &[&str]| {
+        rows.iter()
+            .filter(|r| marks.contains(&r.mark.as_str()))
+            .count()
+    };
     match set.name {
         "recorded" | "speed" => {
             let each: Vec<f64> = rows.iter().filter_map(|r| r.ends_um).collect();
@@ -55,10 +64,17 @@ fn got(set: &Set, rows: &[&ResultRow]) -> String {
         "front_ends" => format!("{} equal", count(&["equal"])),
         "nothing" | "unaltered" => {
             let named = rows.iter().filter(|r| !r.said.is_empty()).count();
-            format!("{named} named something, {} at the noise", count(&["right"]))
+            format!(
+                "{named} named something, {} at the noise",
+                count(&["right"])
+            )
         }
         _ => {
-            let mut out = format!("right {}, in set {}", count(&["right"]), count(&["right", "in set", "absorbed"]));
+            let mut out = format!(
+                "right {}, in set {}",
+                count(&["right"]),
+                count(&["right", "in set", "absorbed"])
+            );
             for word in ["missed", "wrong or", "wrong"] {
                 let _ = write!(out, ", {word} {}", count(&[word]));
             }
@@ -70,16 +86,32 @@ fn got(set: &Set, rows: &[&ResultRow]) -> String {
 /// Programs are compared on the recorded sets that both have.
 fn ends(all: &[Results]) {
     let of = |results: &Results| -> Vec<(String, f64)> {
-        results.rows.iter().filter(|r| r.set == "recorded").filter_map(|r| Some((r.case.clone(), r.ends_um?))).collect()
+        results
+            .rows
+            .iter()
+            .filter(|r| r.set == "recorded")
+            .filter_map(|r| Some((r.case.clone(), r.ends_um?)))
+            .collect()
     };
     for (i, one) in all.iter().enumerate() {
         for other in &all[i + 1..] {
             let (a, b) = (of(one), of(other));
-            let ratios: Vec<f64> =
-                a.iter().filter_map(|(case, um)| b.iter().find(|(name, _)| name == case).map(|(_, other_um)| other_um / um)).collect();
+            let ratios: Vec<f64> = a
+                .iter()
+                .filter_map(|(case, um)| {
+                    b.iter()
+                        .find(|(name, _)| name == case)
+                        .map(|(_, other_um)| other_um / um)
+                })
+                .collect();
             if !ratios.is_empty() {
                 let mean = (ratios.iter().map(|r| r.ln()).sum::<f64>() / ratios.len() as f64).exp();
-                println!("recorded: the ends of {} are {mean:.3} times those of {}, over {} sets", other.label, one.label, ratios.len());
+                println!(
+                    "recorded: the ends of {} are {mean:.3} times those of {}, over {} sets",
+                    other.label,
+                    one.label,
+                    ratios.len()
+                );
             }
         }
     }

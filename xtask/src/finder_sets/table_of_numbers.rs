@@ -22,8 +22,14 @@ impl NumberTable {
             let values: Result<Vec<f64>, _> = line.split(',').map(|v| v.trim().parse()).collect();
             values.map_err(|e| format!("{}, row {}: {e}", path.display(), at + 2))
         };
-        let rows = lines.enumerate().filter(|(_, line)| !line.trim().is_empty()).map(row);
-        Ok(Self { header, rows: rows.collect::<Result<_, _>>()? })
+        let rows = lines
+            .enumerate()
+            .filter(|(_, line)| !line.trim().is_empty())
+            .map(row);
+        Ok(Self {
+            header,
+            rows: rows.collect::<Result<_, _>>()?,
+        })
     }
 
     /// The readings, third of the columns.
@@ -34,7 +40,10 @@ impl NumberTable {
     /// The same table with other readings.
     pub fn with_readings(&self, readings_um: &[f64]) -> Self {
         let mut out = self.clone();
-        out.rows.iter_mut().zip(readings_um).for_each(|(row, y)| row[2] = *y);
+        out.rows
+            .iter_mut()
+            .zip(readings_um)
+            .for_each(|(row, y)| row[2] = *y);
         out
     }
 

@@ -24,23 +24,38 @@ const MOST_TICK_INSTRUCTIONS: u64 = 1_400;
 fn sines_agree_with_the_host_to_the_last_bit() {
     let bench = Bench::reference().expect("the bench");
     let parameters = best_parameters();
-    let mut commands = vec![(99, "arm untested".to_string()), (100, "condition".to_string())];
+    let mut commands = vec![
+        (99, "arm untested".to_string()),
+        (100, "condition".to_string()),
+    ];
     for (nth, millihertz) in (0u32..).zip(SINES_MHZ) {
-        commands.push((FIRST_TICK + nth * TICKS_EACH, format!("reference sine {millihertz} 5000 5600")));
+        commands.push((
+            FIRST_TICK + nth * TICKS_EACH,
+            format!("reference sine {millihertz} 5000 5600"),
+        ));
         if nth == 0 {
             commands.push((FIRST_TICK + 1, "enable".to_string()));
         }
     }
-    let commands: Vec<(u32, &str)> = commands.iter().map(|(at, text)| (*at, text.as_str())).collect();
+    let commands: Vec<(u32, &str)> = commands
+        .iter()
+        .map(|(at, text)| (*at, text.as_str()))
+        .collect();
     let ticks = FIRST_TICK + TICKS_EACH * SINES_MHZ.len() as u32;
 
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
+            (
+                2 * MILLISECOND,
+                [b"trace 31 1\n".to_vec(), lines(&commands)].concat(),
+            ),
             // Largest values count from here: the tick that zeroes the sensor, at rest, is a long one.
-            (u64::from(FIRST_TICK) * 50_000 + 20 * MILLISECOND, b"status\n".to_vec()),
+            (
+                u64::from(FIRST_TICK) * 50_000 + 20 * MILLISECOND,
+                b"status\n".to_vec(),
+            ),
             (u64::from(ticks) * 50_000, b"status\n".to_vec()),
         ],
         ..Script::listening(u64::from(ticks) * 50_000 + 20 * MILLISECOND)
@@ -48,7 +63,11 @@ fn sines_agree_with_the_host_to_the_last_bit() {
     let mut board = NucleoBoard::with_plant(&world).expect("a board");
     board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
     let outcome = run(&image(), board, script).expect("a run");
-    let others: Vec<_> = outcome.messages.iter().filter(|message| !message.text.starts_with("trace [")).collect();
+    let others: Vec<_> = outcome
+        .messages
+        .iter()
+        .filter(|message| !message.text.starts_with("trace ["))
+        .collect();
     let (target, lost) = samples(&outcome);
     println!(
         "{} samples, {lost} lost, {} malformed; {} instructions in {} ms",
@@ -74,7 +93,10 @@ fn sines_agree_with_the_host_to_the_last_bit() {
         let square: f64 = host[from..to]
             .iter()
             .map(|sample| {
-                (f64::from(sample.adc_code) * bench.adc_lsb_um() - zero - f64::from(sample.reference) / f64::from(1 << 24)).powi(2)
+                (f64::from(sample.adc_code) * bench.adc_lsb_um()
+                    - zero
+                    - f64::from(sample.reference) / f64::from(1 << 24))
+                .powi(2)
             })
             .sum();
         println!(
@@ -84,21 +106,41 @@ fn sines_agree_with_the_host_to_the_last_bit() {
         );
     }
 
-    let status = outcome.texts_with("status").last().expect("a status").to_string();
+    let status = outcome
+        .texts_with("status")
+        .last()
+        .expect("a status")
+        .to_string();
     let number = |name: &str| -> u64 {
-        let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default().parse().unwrap_or(u64::MAX)
+        let rest = status
+            .split(&format!("{name}: "))
+            .nth(1)
+            .unwrap_or_default();
+        rest.split(|c: char| !c.is_ascii_digit())
+            .next()
+            .unwrap_or_default()
+            .parse()
+            .unwrap_or(u64::MAX)
     };
-    assert_eq!((number("lost_samples"), number("overruns")), (0, 0), "{status}");
+    assert_eq!(
+        (number("lost_samples"), number("overruns")),
+        (0, 0),
+        "{status}"
+    );
     // A timer count is two instructions; the interrupt is raised 200 counts after the edge.
     let instructions = (number("slowest_counts") - 200) * 2;
-    println!("slowest interrupt: {instructions} instructions, entry to end, with converters and the trace at full rate");
+    println!(
+        "slowest interrupt: {instructions} instructions, entry to end, with converters and the trace at full rate"
+    );
     println!(
         "guard, reference, servo and sample of a tick: {} instructions at most, {} on the mean of the last 256",
         number("most_tick_cycles"),
         number("recent_tick_cycles")
     );
-    assert!(instructions <= MOST_INSTRUCTIONS, "{instructions} instructions, more than {MOST_INSTRUCTIONS}");
+    assert!(
+        instructions <= MOST_INSTRUCTIONS,
+        "{instructions} instructions, more than {MOST_INSTRUCTIONS}"
+    );
     assert!(number("most_tick_cycles") <= MOST_TICK_INSTRUCTIONS);
 }
 
@@ -108,6 +150,10 @@ fn converter_zero(
     before: &[hysteron_core::trace_frame::TraceSample],
 ) -> f64 {
     let end = 100 + 2000 + 20_000;
-    let mean = before[end - 1024..end].iter().map(|sample| f64::from(sample.adc_code)).sum::<f64>() / 1024.0;
+    let mean = before[end - 1024..end]
+        .iter()
+        .map(|sample| f64::from(sample.adc_code))
+        .sum::<f64>()
+        / 1024.0;
     mean * parameters.servo.converters.adc_step as f64 / 2f64.powi(40)
 }

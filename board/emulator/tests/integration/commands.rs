@@ -20,7 +20,12 @@ fn world() -> hysteron_emulator::converters::SharedWorld {
 }
 
 fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+    outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .filter(|text| !text.starts_with("trace ["))
+        .collect()
 }
 
 fn upload(block: &[u8]) -> Vec<u8> {
@@ -46,24 +51,55 @@ fn a_block_is_kept_beside_the_last_good_one_and_taken_at_the_next_start() {
         commands: vec![
             (4 * MILLISECOND, upload(&damaged)),
             (150 * MILLISECOND, upload(&block(&unstable))),
-            (300 * MILLISECOND, [upload(&block(&new)), b"arm untested\nconditioning waived\nenable\n".to_vec()].concat()),
-            (KEPT_AFTER + 300 * MILLISECOND, b"restart\ndisable\n".to_vec()),
+            (
+                300 * MILLISECOND,
+                [
+                    upload(&block(&new)),
+                    b"arm untested\nconditioning waived\nenable\n".to_vec(),
+                ]
+                .concat(),
+            ),
+            (
+                KEPT_AFTER + 300 * MILLISECOND,
+                b"restart\ndisable\n".to_vec(),
+            ),
             (KEPT_AFTER + 400 * MILLISECOND, b"restart\n".to_vec()),
         ],
         ..Script::listening(KEPT_AFTER + 500 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let texts = texts(&outcome);
-    let position = |part: &str| texts.iter().position(|text| text.contains(part)).unwrap_or_else(|| panic!("{part}: {texts:?}"));
+    let position = |part: &str| {
+        texts
+            .iter()
+            .position(|text| text.contains(part))
+            .unwrap_or_else(|| panic!("{part}: {texts:?}"))
+    };
     let damaged_at = position("refused: block: checksum does not match");
-    let unstable_at = position("refused: block: by its own figure the design is not stable when sampled");
+    let unstable_at =
+        position("refused: block: by its own figure the design is not stable when sampled");
     let kept_at = position("block kept as B");
-    assert!(damaged_at < unstable_at && unstable_at < kept_at, "{texts:?}");
+    assert!(
+        damaged_at < unstable_at && unstable_at < kept_at,
+        "{texts:?}"
+    );
     // The loop was closed meanwhile: no restart then, and the watchdog was fed through the erase.
     assert!(position("refused: only at rest") > kept_at, "{texts:?}");
     assert_eq!(outcome.resets, 1, "{texts:?}");
-    assert!(position("parameter block A taken") < kept_at && position("parameter block B taken") > kept_at);
-    assert_eq!(texts.last(), Some(&"mode rest"), "a restart by command is no fault");
+    assert!(
+        position("parameter block A taken") < kept_at
+            && position("parameter block B taken") > kept_at
+    );
+    assert_eq!(
+        texts.last(),
+        Some(&"mode rest"),
+        "a restart by command is no fault"
+    );
 }
 
 #[test]
@@ -72,7 +108,15 @@ fn a_capture_holds_every_tick_around_a_fault_however_slow_the_reader_is() {
     const AFTER: u32 = 500;
     const TROUBLE: u64 = 4000;
     let world = world();
-    world.lock().expect("the world").troubles.push(SensorTrouble { from: TROUBLE, to: TROUBLE + 100, kind: Trouble::Disconnected });
+    world
+        .lock()
+        .expect("the world")
+        .troubles
+        .push(SensorTrouble {
+            from: TROUBLE,
+            to: TROUBLE + 100,
+            kind: Trouble::Disconnected,
+        });
     let script = Script {
         block: Some(block(&parameters())),
         read_every_ns: Some(40 * MILLISECOND),
@@ -86,18 +130,43 @@ fn a_capture_holds_every_tick_around_a_fault_however_slow_the_reader_is() {
         ],
         ..Script::listening(1_200 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     assert_eq!(outcome.malformed, 0);
-    assert_eq!(outcome.texts_with("capture: 1501 ticks read out").count(), 1, "{:?}", texts(&outcome));
+    assert_eq!(
+        outcome.texts_with("capture: 1501 ticks read out").count(),
+        1,
+        "{:?}",
+        texts(&outcome)
+    );
     let (samples, _) = samples(&outcome);
-    let captured: Vec<&TraceSample> = samples.windows(2).filter(|pair| pair[1].tick == pair[0].tick + 1).map(|pair| &pair[0]).collect();
-    assert!(captured.len() >= (BEFORE + AFTER) as usize, "{} ticks", captured.len());
-    let fault = captured.iter().position(|sample| sample.flags >> 8 == Fault::SensorOutOfRange as u16).expect("the fault");
+    let captured: Vec<&TraceSample> = samples
+        .windows(2)
+        .filter(|pair| pair[1].tick == pair[0].tick + 1)
+        .map(|pair| &pair[0])
+        .collect();
+    assert!(
+        captured.len() >= (BEFORE + AFTER) as usize,
+        "{} ticks",
+        captured.len()
+    );
+    let fault = captured
+        .iter()
+        .position(|sample| sample.flags >> 8 == Fault::SensorOutOfRange as u16)
+        .expect("the fault");
     assert_eq!(fault, BEFORE as usize, "{} ticks before it", fault);
     assert_eq!(captured[fault - 1].flags, Mode::Closed as u16);
     let world = world.lock().expect("the world");
     for sample in &captured {
-        assert_eq!(sample.adc_code, world.codes[sample.tick as usize].0, "tick {}", sample.tick);
+        assert_eq!(
+            sample.adc_code, world.codes[sample.tick as usize].0,
+            "tick {}",
+            sample.tick
+        );
     }
 }
 
@@ -111,17 +180,45 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
         commands: vec![(4 * MILLISECOND, b"arm untested\nidentify 12000\n".to_vec())],
         ..Script::listening(900 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let (samples, lost) = samples(&outcome);
-    let played: Vec<&TraceSample> = samples.iter().filter(|sample| sample.flags == Mode::Playing as u16).collect();
-    assert_eq!((lost, played.len()), (0, REST_BEFORE_TICKS as usize + 12_000), "{:?}", texts(&outcome));
+    let played: Vec<&TraceSample> = samples
+        .iter()
+        .filter(|sample| sample.flags == Mode::Playing as u16)
+        .collect();
+    assert_eq!(
+        (lost, played.len()),
+        (0, REST_BEFORE_TICKS as usize + 12_000),
+        "{:?}",
+        texts(&outcome)
+    );
     let c = parameters.servo.converters;
-    let (least, most) = (played.iter().map(|s| s.dac_code).min(), played.iter().map(|s| s.dac_code).max());
-    println!("drive codes {least:?} to {most:?}, limits {} to {}", c.dac_code_min, c.dac_code_max);
+    let (least, most) = (
+        played.iter().map(|s| s.dac_code).min(),
+        played.iter().map(|s| s.dac_code).max(),
+    );
+    println!(
+        "drive codes {least:?} to {most:?}, limits {} to {}",
+        c.dac_code_min, c.dac_code_max
+    );
     assert!(least >= Some(c.dac_code_min) && most <= Some(c.dac_code_max));
-    assert!(most > Some(c.dac_code_min + c.dac_code_max.abs_diff(c.dac_code_min) / 10 * 9), "nearly the whole range");
-    let largest_step = played.windows(2).map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code)).max();
-    assert!(largest_step <= Some(c.slew_codes), "no jump: {largest_step:?}");
+    assert!(
+        most > Some(c.dac_code_min + c.dac_code_max.abs_diff(c.dac_code_min) / 10 * 9),
+        "nearly the whole range"
+    );
+    let largest_step = played
+        .windows(2)
+        .map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code))
+        .max();
+    assert!(
+        largest_step <= Some(c.slew_codes),
+        "no jump: {largest_step:?}"
+    );
 }
 
 #[test]
@@ -130,16 +227,32 @@ fn a_restart_waits_for_the_end_of_the_ramp() {
     let script = Script {
         block: Some(block(&parameters())),
         commands: vec![
-            (4 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 9000\nenable\n".to_vec()),
+            (
+                4 * MILLISECOND,
+                b"arm untested\nconditioning waived\nreference constant 9000\nenable\n".to_vec(),
+            ),
             (100 * MILLISECOND, b"disable\n".to_vec()),
             // The ramp takes 40 ms.
-            (110 * MILLISECOND, b"restart\nplay sine 1000 1000 1000 10\ncondition\nidentify 1000\n".to_vec()),
+            (
+                110 * MILLISECOND,
+                b"restart\nplay sine 1000 1000 1000 10\ncondition\nidentify 1000\n".to_vec(),
+            ),
             (180 * MILLISECOND, b"restart\n".to_vec()),
         ],
         ..Script::listening(200 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("only at rest").count(), 4, "{:?}", texts(&outcome));
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    assert_eq!(
+        outcome.texts_with("only at rest").count(),
+        4,
+        "{:?}",
+        texts(&outcome)
+    );
     assert_eq!(outcome.resets, 1, "{:?}", texts(&outcome));
 }
 
@@ -151,15 +264,39 @@ fn no_mode_drives_faster_than_the_slew_limit() {
     parameters.servo.converters.slew_codes = 468; // 1 V a tick
     parameters.guard.ramp_codes = 400;
     let text = "arm untested\nconditioning waived\nplay sine 0 0 80000 400\n@5000 reference constant 9000\n@5001 enable\n@5400 reference constant 500\n@7000 disable\n";
-    let script =
-        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(450 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(4 * MILLISECOND, text.into())],
+        ..Script::listening(450 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let codes = world.lock().expect("the world").codes.clone();
-    let steps = |from: usize, to: usize| codes[from..to].windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1)).max();
-    assert!(codes.iter().map(|(_, acting)| *acting).max() > Some(DriveCode::new(46_000)), "{:?}", texts(&outcome));
+    let steps = |from: usize, to: usize| {
+        codes[from..to]
+            .windows(2)
+            .map(|pair| pair[0].1.abs_diff(pair[1].1))
+            .max()
+    };
+    assert!(
+        codes.iter().map(|(_, acting)| *acting).max() > Some(DriveCode::new(46_000)),
+        "{:?}",
+        texts(&outcome)
+    );
     assert_eq!(steps(0, 4_000), Some(468), "a played jump");
-    assert!(steps(4_000, codes.len()) <= Some(468), "a closed loop, and the ramp to rest: {:?}", steps(4_000, codes.len()));
-    assert_eq!(codes.last().map(|(_, acting)| *acting), Some(parameters.guard.rest_code));
+    assert!(
+        steps(4_000, codes.len()) <= Some(468),
+        "a closed loop, and the ramp to rest: {:?}",
+        steps(4_000, codes.len())
+    );
+    assert_eq!(
+        codes.last().map(|(_, acting)| *acting),
+        Some(parameters.guard.rest_code)
+    );
 }
 
 #[test]
@@ -175,13 +312,35 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
         pid.integral *= 6;
     }
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2000 reference constant 9000\n@3000 reference constant 1000\n@4000 disable\n";
-    let script =
-        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(230 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(4 * MILLISECOND, text.into())],
+        ..Script::listening(230 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    assert_eq!(
+        outcome.texts_with("mode fault").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
     let codes = world.lock().expect("the world").codes.clone();
-    let steps = |from: usize, to: usize| codes[from..to].windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1)).max();
-    assert_eq!((steps(1_900, 2_900), steps(2_900, 3_900)), (Some(468), Some(468)), "up and down, as fast as it may and no faster");
+    let steps = |from: usize, to: usize| {
+        codes[from..to]
+            .windows(2)
+            .map(|pair| pair[0].1.abs_diff(pair[1].1))
+            .max()
+    };
+    assert_eq!(
+        (steps(1_900, 2_900), steps(2_900, 3_900)),
+        (Some(468), Some(468)),
+        "up and down, as fast as it may and no faster"
+    );
 }
 
 #[test]
@@ -192,22 +351,49 @@ fn no_law_drives_beyond_the_limits_of_the_block() {
     // either side that the converter has.
     parameters.guard.tracking_ticks = 4000;
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
-    let script =
-        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(210 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(4 * MILLISECOND, text.into())],
+        ..Script::listening(210 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    assert_eq!(
+        outcome.texts_with("mode fault").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
     let codes = world.lock().expect("the world").codes.clone();
     let c = parameters.servo.converters;
     let beat = 100..codes.len();
     let acting = |range: std::ops::Range<usize>| codes[range].iter().map(|(_, acting)| *acting);
-    assert_eq!((acting(beat.clone()).min(), acting(beat).max()), (Some(c.dac_code_min), Some(c.dac_code_max)));
-    assert_eq!(acting(2_700..2_750).min(), Some(c.dac_code_max), "held at the upper limit");
-    assert_eq!(acting(3_900..4_000).max(), Some(c.dac_code_min), "and at the lower one");
+    assert_eq!(
+        (acting(beat.clone()).min(), acting(beat).max()),
+        (Some(c.dac_code_min), Some(c.dac_code_max))
+    );
+    assert_eq!(
+        acting(2_700..2_750).min(),
+        Some(c.dac_code_max),
+        "held at the upper limit"
+    );
+    assert_eq!(
+        acting(3_900..4_000).max(),
+        Some(c.dac_code_min),
+        "and at the lower one"
+    );
 }
 
 /// The tick at which a sample first has a mode, from a tick on.
 fn first_with(samples: &[TraceSample], mode: Mode, from: u32) -> Option<u32> {
-    samples.iter().find(|sample| sample.tick >= from && sample.flags == mode as u16).map(|sample| sample.tick)
+    samples
+        .iter()
+        .find(|sample| sample.tick >= from && sample.flags == mode as u16)
+        .map(|sample| sample.tick)
 }
 
 #[test]
@@ -224,15 +410,31 @@ fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
         ],
         ..Script::listening(200 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let (samples, _) = samples(&outcome);
-    assert!(first_with(&samples, Mode::Closed, 0).is_some(), "{:?}", texts(&outcome));
+    assert!(
+        first_with(&samples, Mode::Closed, 0).is_some(),
+        "{:?}",
+        texts(&outcome)
+    );
     let opened = first_with(&samples, Mode::Rest, 1_900).expect("opens");
     // The probe writes at 100 ms; the task that reads looks every millisecond.
     assert!(opened <= 2_060, "{opened}");
-    assert_eq!(first_with(&samples, Mode::Closed, opened), None, "what was planned before the stop does not act after it");
+    assert_eq!(
+        first_with(&samples, Mode::Closed, opened),
+        None,
+        "what was planned before the stop does not act after it"
+    );
     assert!(samples.last().is_some_and(|sample| sample.tick > 3_300));
-    assert_eq!(samples.last().map(|sample| sample.dac_code), Some(parameters().guard.rest_code));
+    assert_eq!(
+        samples.last().map(|sample| sample.dac_code),
+        Some(parameters().guard.rest_code)
+    );
 }
 
 #[test]
@@ -253,9 +455,19 @@ fn keeping_a_block_does_not_hold_up_a_stop() {
         ],
         ..Script::listening(700 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let (samples, _) = samples(&outcome);
-    assert_eq!(outcome.texts_with("block kept as").count(), 0, "the erase goes on: {:?}", texts(&outcome));
+    assert_eq!(
+        outcome.texts_with("block kept as").count(),
+        0,
+        "the erase goes on: {:?}",
+        texts(&outcome)
+    );
     let closed = first_with(&samples, Mode::Closed, 0).expect("closes meanwhile");
     assert_eq!(closed, 8_000);
     let opened = first_with(&samples, Mode::Rest, closed).expect("opens");

@@ -17,39 +17,75 @@ fn world() -> SharedWorld {
 }
 
 fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+    outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .filter(|text| !text.starts_with("trace ["))
+        .collect()
 }
 
 fn run_in(world: &SharedWorld, script: Script) -> Outcome {
-    run(&image(), NucleoBoard::with_plant(world).expect("a board"), script).expect("a run")
+    run(
+        &image(),
+        NucleoBoard::with_plant(world).expect("a board"),
+        script,
+    )
+    .expect("a run")
 }
 
 /// Drives that acted, from a while after the start on.
 fn acting(world: &SharedWorld) -> Vec<DriveCode> {
-    world.lock().expect("the world").codes.iter().skip(100).map(|(_, acting)| *acting).collect()
+    world
+        .lock()
+        .expect("the world")
+        .codes
+        .iter()
+        .skip(100)
+        .map(|(_, acting)| *acting)
+        .collect()
 }
 
 #[test]
 fn a_finished_wave_is_not_read_again() {
     let world = world();
-    let wave = "ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 3\nWAV 1 X LIN 100 2 3 100 0 0\nWSL 1 1\nWGC 1 1\n";
+    let wave =
+        "ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 3\nWAV 1 X LIN 100 2 3 100 0 0\nWSL 1 1\nWGC 1 1\n";
     let script = Script {
         block: Some(block(&best_parameters())),
         serial: vec![
             (10 * MILLISECOND, wave.into()),
             (150 * MILLISECOND, b"WGO 1 1\n".to_vec()),
-            (250 * MILLISECOND, b"WAV 1 X LIN 100 0 9 100 0 0\nERR?\nSVO?\n".to_vec()),
+            (
+                250 * MILLISECOND,
+                b"WAV 1 X LIN 100 0 9 100 0 0\nERR?\nSVO?\n".to_vec(),
+            ),
         ],
         ..Script::listening(320 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
-    let answers: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
-    assert_eq!(answers, "0\n1=1\n", "the table is written while the loop stays closed");
+    assert_eq!(
+        outcome.texts_with("mode fault").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
+    let answers: String = outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect();
+    assert_eq!(
+        answers, "0\n1=1\n",
+        "the table is written while the loop stays closed"
+    );
     let codes = acting(&world);
     let (before, after) = (codes[4_700].steps(), codes[codes.len() - 1].steps());
     // 6 um more would be some 40 V, 20 000 codes.
-    assert!(before.abs_diff(after) < 300, "the stage stays at the end of the wave: {before} and {after}");
+    assert!(
+        before.abs_diff(after) < 300,
+        "the stage stays at the end of the wave: {before} and {after}"
+    );
 }
 
 #[test]
@@ -61,12 +97,24 @@ fn two_blocks_of_which_neither_replaces_the_other_drive_nothing() {
     let script = Script {
         block: Some(block(&parameters())),
         second_block: Some(kept),
-        commands: vec![(10 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec())],
+        commands: vec![(
+            10 * MILLISECOND,
+            b"arm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec(),
+        )],
         ..Script::listening(60 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(outcome.texts_with("mode closed").count(), 0, "{:?}", texts(&outcome));
-    assert!(outcome.texts_with("neither replaces the other").count() > 0, "{:?}", texts(&outcome));
+    assert_eq!(
+        outcome.texts_with("mode closed").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
+    assert!(
+        outcome.texts_with("neither replaces the other").count() > 0,
+        "{:?}",
+        texts(&outcome)
+    );
 }
 
 #[test]
@@ -74,15 +122,31 @@ fn a_drive_that_does_not_arrive_is_a_fault() {
     let world = world();
     let script = Script {
         block: Some(block(&parameters())),
-        commands: vec![(4 * MILLISECOND, b"arm untested\nconditioning waived\nplay sine 10000 10000 20000 20000\n".to_vec())],
+        commands: vec![(
+            4 * MILLISECOND,
+            b"arm untested\nconditioning waived\nplay sine 10000 10000 20000 20000\n".to_vec(),
+        )],
         injections: vec![(100 * MILLISECOND, Injection::DriveInterfaceOff)],
         ..Script::listening(140 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    let at = outcome.messages.iter().find(|message| message.text == "mode fault: drive does not arrive").map(|message| message.at_ns);
-    assert!(at.is_some_and(|at| at <= 103 * MILLISECOND), "{at:?}: {:?}", texts(&outcome));
+    let at = outcome
+        .messages
+        .iter()
+        .find(|message| message.text == "mode fault: drive does not arrive")
+        .map(|message| message.at_ns);
+    assert!(
+        at.is_some_and(|at| at <= 103 * MILLISECOND),
+        "{at:?}: {:?}",
+        texts(&outcome)
+    );
     let states: Vec<bool> = outcome.enabled.iter().map(|(_, on)| *on).collect();
-    assert_eq!(states, [true, false], "the power stage is switched off: {:?}", texts(&outcome));
+    assert_eq!(
+        states,
+        [true, false],
+        "the power stage is switched off: {:?}",
+        texts(&outcome)
+    );
 }
 
 #[test]
@@ -90,9 +154,17 @@ fn a_block_with_every_guard_off_is_refused() {
     let with = |change: &dyn Fn(&mut hysteron_core::parameter_block::AmplifierParameters)| {
         let mut parameters = parameters();
         change(&mut parameters);
-        let script = Script { block: Some(block(&parameters)), ..Script::listening(20 * MILLISECOND) };
+        let script = Script {
+            block: Some(block(&parameters)),
+            ..Script::listening(20 * MILLISECOND)
+        };
         let outcome = run_in(&world(), script);
-        (outcome.texts_with("parameter block A refused: beyond the safety envelope").count(), format!("{:?}", texts(&outcome)))
+        (
+            outcome
+                .texts_with("parameter block A refused: beyond the safety envelope")
+                .count(),
+            format!("{:?}", texts(&outcome)),
+        )
     };
     assert_eq!(with(&|_| {}).0, 0, "a block with guards is taken");
     let changes: [&dyn Fn(&mut hysteron_core::parameter_block::AmplifierParameters); 6] = [
@@ -114,7 +186,10 @@ fn without_a_block_the_converter_stays_clamped() {
     let world = world();
     // Longer than the time after which a converter is set up anew at rest.
     run_in(&world, Script::listening(250 * MILLISECOND));
-    assert!(world.lock().expect("the world").clamped(), "nobody has said which code is 0 V");
+    assert!(
+        world.lock().expect("the world").clamped(),
+        "nobody has said which code is 0 V"
+    );
 }
 
 #[test]
@@ -129,9 +204,22 @@ fn the_power_stage_stays_off_until_somebody_arms_it() {
         ..Script::listening(100 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    let enabled: Vec<(u64, bool)> = outcome.enabled.iter().map(|(at, on)| (at / MILLISECOND, *on)).collect();
-    assert!(matches!(enabled[..], [(60..=63, true)]), "{enabled:?}: {:?}", texts(&outcome));
-    assert_eq!(outcome.texts_with("mode closed").count() + outcome.texts_with("mode playing").count(), 0, "{:?}", texts(&outcome));
+    let enabled: Vec<(u64, bool)> = outcome
+        .enabled
+        .iter()
+        .map(|(at, on)| (at / MILLISECOND, *on))
+        .collect();
+    assert!(
+        matches!(enabled[..], [(60..=63, true)]),
+        "{enabled:?}: {:?}",
+        texts(&outcome)
+    );
+    assert_eq!(
+        outcome.texts_with("mode closed").count() + outcome.texts_with("mode playing").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
 }
 
 #[test]
@@ -139,11 +227,27 @@ fn the_power_stage_stays_off_until_somebody_arms_it() {
 fn a_crystal_that_never_starts_is_said_and_nothing_is_driven() {
     let world = world();
     let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.mcu.rcc.attach_crystals(Crystal::NONE.0, Crystal::NONE.0);
-    let script = Script { block: Some(block(&parameters())), hardware_watchdog: true, ..Script::listening(600 * MILLISECOND) };
+    board
+        .mcu
+        .rcc
+        .attach_crystals(Crystal::NONE.0, Crystal::NONE.0);
+    let script = Script {
+        block: Some(block(&parameters())),
+        hardware_watchdog: true,
+        ..Script::listening(600 * MILLISECOND)
+    };
     let outcome = run(&image(), board, script).expect("a run");
-    assert!(outcome.texts_with("the crystal does not start").count() > 0, "{:?}", texts(&outcome));
-    assert_eq!((outcome.resets, outcome.enabled.len()), (0, 0), "{:?}", texts(&outcome));
+    assert!(
+        outcome.texts_with("the crystal does not start").count() > 0,
+        "{:?}",
+        texts(&outcome)
+    );
+    assert_eq!(
+        (outcome.resets, outcome.enabled.len()),
+        (0, 0),
+        "{:?}",
+        texts(&outcome)
+    );
     assert!(world.lock().expect("the world").clamped());
 }
 
@@ -155,10 +259,25 @@ fn the_board_check_feeds_the_watchdog_and_steps_no_further_than_it_may() {
     let world = world.shared();
     let mut board = NucleoBoard::with_plant(&world).expect("a board");
     board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let script = Script { hardware_watchdog: true, ..Script::listening(4_000 * MILLISECOND) };
+    let script = Script {
+        hardware_watchdog: true,
+        ..Script::listening(4_000 * MILLISECOND)
+    };
     let outcome = run(&image_named("board_check"), board, script).expect("a run");
-    assert_eq!((outcome.resets, outcome.texts_with("board check: 0 failed").count()), (0, 1), "{:?}", texts(&outcome));
-    let most = acting(&world).windows(2).map(|pair| pair[0].abs_diff(pair[1])).max().expect("codes");
+    assert_eq!(
+        (
+            outcome.resets,
+            outcome.texts_with("board check: 0 failed").count()
+        ),
+        (0, 1),
+        "{:?}",
+        texts(&outcome)
+    );
+    let most = acting(&world)
+        .windows(2)
+        .map(|pair| pair[0].abs_diff(pair[1]))
+        .max()
+        .expect("codes");
     // 100 V/ms, 5 V a tick, are the slew limit of the bench.
     assert!(most <= 2_341, "{most} codes in a tick");
 }
@@ -167,10 +286,27 @@ fn the_board_check_feeds_the_watchdog_and_steps_no_further_than_it_may() {
 fn the_board_check_drives_nothing_while_a_safety_line_is_open() {
     let world = world();
     let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.set_line(SafetyLine::EmergencyStop, false, rigless::time::VirtualNanos(0));
+    board.set_line(
+        SafetyLine::EmergencyStop,
+        false,
+        rigless::time::VirtualNanos(0),
+    );
     board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image_named("board_check"), board, Script::listening(300 * MILLISECOND)).expect("a run");
+    let outcome = run(
+        &image_named("board_check"),
+        board,
+        Script::listening(300 * MILLISECOND),
+    )
+    .expect("a run");
     let codes = acting(&world);
-    assert!(codes.iter().all(|code| *code == codes[0]), "{:?}", texts(&outcome));
-    assert!(outcome.texts_with("emergency stop").count() > 0, "{:?}", texts(&outcome));
+    assert!(
+        codes.iter().all(|code| *code == codes[0]),
+        "{:?}",
+        texts(&outcome)
+    );
+    assert!(
+        outcome.texts_with("emergency stop").count() > 0,
+        "{:?}",
+        texts(&outcome)
+    );
 }

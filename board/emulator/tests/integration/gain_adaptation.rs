@@ -18,14 +18,28 @@ const TICKS: u32 = 60_000;
 fn error_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64) -> f64 {
     let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
     let last = &samples[samples.len() - 5000..];
-    let square = |s: &TraceSample| (f64::from(s.reference) / f64::from(1 << 24) - (f64::from(s.adc_code) * step - zero)).powi(2);
+    let square = |s: &TraceSample| {
+        (f64::from(s.reference) / f64::from(1 << 24) - (f64::from(s.adc_code) * step - zero))
+            .powi(2)
+    };
     1e3 * (last.iter().map(square).sum::<f64>() / last.len() as f64).sqrt()
 }
 
 /// What `DIA? 16` was answered.
 fn gains(outcome: &Outcome) -> Vec<f64> {
-    let text: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
-    text.lines().map(|line| line.trim().strip_prefix("16=").and_then(|number| number.parse().ok()).expect("a gain")).collect()
+    let text: String = outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect();
+    text.lines()
+        .map(|line| {
+            line.trim()
+                .strip_prefix("16=")
+                .and_then(|number| number.parse().ok())
+                .expect("a gain")
+        })
+        .collect()
 }
 
 #[test]
@@ -34,7 +48,12 @@ fn an_alarm_of_the_resonance_holds_the_gain_where_it_is() {
     let mut parameters = wrong_gain(true);
     // So slowly that a second is not enough.
     parameters.servo.adaptation.as_mut().expect("on").most_step = ONE / 400;
-    let commands = [(99, "arm untested"), (100, "conditioning waived"), (300, "reference sine 125000 2000 5600"), (310, "enable")];
+    let commands = [
+        (99, "arm untested"),
+        (100, "conditioning waived"),
+        (300, "reference sine 125000 2000 5600"),
+        (310, "enable"),
+    ];
     let world = World::new(&bench, Variant::FULL, 7).shared();
     // The first second ends near tick 20,310; the error at 125 Hz is then still an alarm.
     let asked = [16_000, 22_000, 29_000].map(|tick: u64| tick * 50_000);
@@ -42,34 +61,74 @@ fn an_alarm_of_the_resonance_holds_the_gain_where_it_is() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![(2 * MILLISECOND, first)],
-        serial: asked.iter().map(|at| (*at, b"DIA? 16\n".to_vec())).collect(),
+        serial: asked
+            .iter()
+            .map(|at| (*at, b"DIA? 16\n".to_vec()))
+            .collect(),
         ..Script::listening(30_000 * 50_000)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("above the alarm").count(), 1, "{:?}", outcome.messages);
-    let [before, held, later] = gains(&outcome)[..] else { panic!("three answers") };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    assert_eq!(
+        outcome.texts_with("above the alarm").count(),
+        1,
+        "{:?}",
+        outcome.messages
+    );
+    let [before, held, later] = gains(&outcome)[..] else {
+        panic!("three answers")
+    };
     println!("DIA? 16: {before} {held} {later}");
-    assert!(before > 1_002_000.0 && held > before, "it learns until the alarm: {before} {held}");
-    assert!(held == later && held < 1_100_000.0, "and not behind it: {held} {later}");
+    assert!(
+        before > 1_002_000.0 && held > before,
+        "it learns until the alarm: {before} {held}"
+    );
+    assert!(
+        held == later && held < 1_100_000.0,
+        "and not behind it: {held} {later}"
+    );
 }
 
 #[test]
 fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
     let bench = Bench::reference().expect("the bench");
     let parameters = wrong_gain(true);
-    let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
+    let sine = SineRun::new(
+        &bench,
+        &parameters,
+        "reference sine 125000 3000 4000",
+        TICKS,
+    );
     let outcome = sine.on_target(b"DIA? 16\n");
     let adapted = sine.assert_equal(&outcome);
     // And it has learned something: against the same servo that does not, and against the one whose model is
     // right.
     let zero = sine.zero_um(&adapted);
     let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
-    let (before, after, right) = (error(&sine.on_host(&wrong_gain(false))), error(&adapted), error(&sine.on_host(&best_parameters())));
-    println!("what was asked minus read: {before:.2} nm with the wrong gain, {after:.2} nm adapted, {right:.2} nm with the right one");
-    assert!(after < 1.05 * right && before > 3.0 * right, "{before} {after} {right}");
-    let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
+    let (before, after, right) = (
+        error(&sine.on_host(&wrong_gain(false))),
+        error(&adapted),
+        error(&sine.on_host(&best_parameters())),
+    );
+    println!(
+        "what was asked minus read: {before:.2} nm with the wrong gain, {after:.2} nm adapted, {right:.2} nm with the right one"
+    );
+    assert!(
+        after < 1.05 * right && before > 3.0 * right,
+        "{before} {after} {right}"
+    );
+    let [millionths] = gains(&outcome)[..] else {
+        panic!("one answer")
+    };
     println!("DIA? 16: {millionths}");
-    assert!((millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
+    assert!(
+        (millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02,
+        "{millionths}"
+    );
 }
 
 #[test]
@@ -78,19 +137,38 @@ fn a_gain_and_a_correction_are_learned_together() {
     let parameters = learning(wrong_gain(true));
     // 160 ticks: eight points of the reference's period fall into every mean of what the gain is learned
     // from.
-    let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
+    let sine = SineRun::new(
+        &bench,
+        &parameters,
+        "reference sine 125000 3000 4000",
+        TICKS,
+    );
     let outcome = sine.on_target(b"DIA? 16\n");
     let both = sine.assert_equal(&outcome);
     let zero = sine.zero_um(&both);
     let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
-    let (gain, correction) = (error(&sine.on_host(&wrong_gain(true))), error(&sine.on_host(&learning(wrong_gain(false)))));
-    let (right, both) = (error(&sine.on_host(&learning(best_parameters()))), error(&both));
+    let (gain, correction) = (
+        error(&sine.on_host(&wrong_gain(true))),
+        error(&sine.on_host(&learning(wrong_gain(false)))),
+    );
+    let (right, both) = (
+        error(&sine.on_host(&learning(best_parameters()))),
+        error(&both),
+    );
     println!(
         "what was asked minus read: gain alone {gain:.2} nm, correction alone {correction:.2} nm, both {both:.2} nm, right gain and correction {right:.2} nm"
     );
-    let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
+    let [millionths] = gains(&outcome)[..] else {
+        panic!("one answer")
+    };
     println!("DIA? 16: {millionths}");
     // The correction takes nothing from what the gain is learned from.
-    assert!((millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
-    assert!(both < 1.05 * right && both < 1.05 * gain.min(correction), "{both} {right} {gain} {correction}");
+    assert!(
+        (millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02,
+        "{millionths}"
+    );
+    assert!(
+        both < 1.05 * right && both < 1.05 * gain.min(correction),
+        "{both} {right} {gain} {correction}"
+    );
 }

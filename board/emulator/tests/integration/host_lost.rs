@@ -19,30 +19,78 @@ fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
     // Nobody is missed at rest: the timeout is there from 4 ms on, the next line comes at 90 ms.
-    let mut commands =
-        vec![(4 * MILLISECOND, format!("trace 31 1\narm untested\nconditioning waived\ntimeout {TIMEOUT_MS}\n").into_bytes())];
-    commands.push((90 * MILLISECOND, b"reference constant 3000\nenable\n".to_vec()));
+    let mut commands = vec![(
+        4 * MILLISECOND,
+        format!("trace 31 1\narm untested\nconditioning waived\ntimeout {TIMEOUT_MS}\n")
+            .into_bytes(),
+    )];
+    commands.push((
+        90 * MILLISECOND,
+        b"reference constant 3000\nenable\n".to_vec(),
+    ));
     commands.extend((1..6).map(|nth| ((90 + 20 * nth) * MILLISECOND, b"status\n".to_vec())));
     commands.push((400 * MILLISECOND, b"clear\narm untested\nenable\n".to_vec()));
     // From the probe's last line, at 190 ms, the serial port is the host; it is heard last at 270 ms.
-    let serial = (0..5).map(|nth| ((190 + 20 * nth) * MILLISECOND, b"ERR?\n".to_vec())).collect();
-    let script = Script { block: Some(block(&parameters)), commands, serial, ..Script::listening(480 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let serial = (0..5)
+        .map(|nth| ((190 + 20 * nth) * MILLISECOND, b"ERR?\n".to_vec()))
+        .collect();
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands,
+        serial,
+        ..Script::listening(480 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let (samples, _) = samples(&outcome);
     let began_ns = world.lock().expect("the world").began_ns();
     let ms = |tick: u32| (u64::from(tick) * 50_000 + began_ns) as f64 / MILLISECOND as f64;
-    let lost = samples.iter().find(|sample| sample.flags as u8 == Mode::Fault as u8).expect("a fault");
-    assert_eq!(lost.flags, Mode::Fault as u16 | (Fault::HostLost as u16) << 8, "named");
+    let lost = samples
+        .iter()
+        .find(|sample| sample.flags as u8 == Mode::Fault as u8)
+        .expect("a fault");
+    assert_eq!(
+        lost.flags,
+        Mode::Fault as u16 | (Fault::HostLost as u16) << 8,
+        "named"
+    );
     let since = ms(lost.tick) - 270.0;
-    println!("host lost {since:.2} ms after its last line was given to the serial port; timeout {TIMEOUT_MS} ms");
-    assert!((TIMEOUT_MS as f64..TIMEOUT_MS as f64 + 3.0).contains(&since), "{since}");
-    let before = samples.iter().find(|sample| sample.tick + 1 == lost.tick).expect("the tick before");
+    println!(
+        "host lost {since:.2} ms after its last line was given to the serial port; timeout {TIMEOUT_MS} ms"
+    );
+    assert!(
+        (TIMEOUT_MS as f64..TIMEOUT_MS as f64 + 3.0).contains(&since),
+        "{since}"
+    );
+    let before = samples
+        .iter()
+        .find(|sample| sample.tick + 1 == lost.tick)
+        .expect("the tick before");
     assert_eq!(before.flags, Mode::Closed as u16);
-    assert_eq!(before.dac_code, lost.dac_code + parameters.guard.ramp_codes, "on the way to rest in the very tick");
-    let rest = samples.iter().find(|sample| ms(sample.tick) > 390.0).expect("traced");
-    assert_eq!((rest.dac_code, rest.flags), (parameters.guard.rest_code, lost.flags), "rests, and stays");
+    assert_eq!(
+        before.dac_code,
+        lost.dac_code + parameters.guard.ramp_codes,
+        "on the way to rest in the very tick"
+    );
+    let rest = samples
+        .iter()
+        .find(|sample| ms(sample.tick) > 390.0)
+        .expect("traced");
+    assert_eq!(
+        (rest.dac_code, rest.flags),
+        (parameters.guard.rest_code, lost.flags),
+        "rests, and stays"
+    );
     // A line is a sign of life, `clear` itself too; and silent again it is lost again.
-    let after: Vec<u16> = samples.iter().filter(|sample| ms(sample.tick) > 402.0).map(|sample| sample.flags).collect();
+    let after: Vec<u16> = samples
+        .iter()
+        .filter(|sample| ms(sample.tick) > 402.0)
+        .map(|sample| sample.flags)
+        .collect();
     assert_eq!(after.first(), Some(&(Mode::Closed as u16)));
     assert_eq!(after.last(), Some(&lost.flags));
 }

@@ -14,30 +14,85 @@ use rigless::soc::stm32h743::generated::flash;
 #[test]
 fn they_are_looked_at_said_and_written_at_rest() {
     let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
-    let factory = NucleoBoard::new().expect("a board").mcu.bus().registers("Flash").expect("the flash").get(flash::Register::OptsrCur);
-    assert_eq!((factory >> 2 & 3, factory >> 4 & 1), (0, 1), "out of the box: no brown-out level, the watchdog waits");
+    let factory = NucleoBoard::new()
+        .expect("a board")
+        .mcu
+        .bus()
+        .registers("Flash")
+        .expect("the flash")
+        .get(flash::Register::OptsrCur);
+    assert_eq!(
+        (factory >> 2 & 3, factory >> 4 & 1),
+        (0, 1),
+        "out of the box: no brown-out level, the watchdog waits"
+    );
     let script = Script {
         block: Some(block(&parameters())),
         commands: vec![
-            (4 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (
+                4 * MILLISECOND,
+                b"arm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec(),
+            ),
             (20 * MILLISECOND, b"protect\n".to_vec()),
             (30 * MILLISECOND, b"status\ndisable\n".to_vec()),
             (100 * MILLISECOND, b"protect\n".to_vec()),
             (120 * MILLISECOND, b"status\n".to_vec()),
         ],
-        serial: vec![(90 * MILLISECOND, b"DIA? 12\n".to_vec()), (130 * MILLISECOND, b"DIA? 12\n".to_vec())],
+        serial: vec![
+            (90 * MILLISECOND, b"DIA? 12\n".to_vec()),
+            (130 * MILLISECOND, b"DIA? 12\n".to_vec()),
+        ],
         ..Script::listening(140 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    let texts: Vec<&str> = outcome.messages.iter().map(|message| message.text.as_str()).collect();
-    assert_eq!(outcome.texts_with("option bytes: no brown-out level").count(), 2, "at the start and in the status: {texts:?}");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    let texts: Vec<&str> = outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .collect();
+    assert_eq!(
+        outcome
+            .texts_with("option bytes: no brown-out level")
+            .count(),
+        2,
+        "at the start and in the status: {texts:?}"
+    );
     assert_eq!(outcome.texts_with("only at rest").count(), 1, "{texts:?}");
-    assert_eq!(outcome.texts_with("option bytes written").count(), 1, "{texts:?}");
-    assert_eq!(outcome.texts_with("brown-out level and watchdog protect").count(), 1, "{texts:?}");
-    let answers: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
+    assert_eq!(
+        outcome.texts_with("option bytes written").count(),
+        1,
+        "{texts:?}"
+    );
+    assert_eq!(
+        outcome
+            .texts_with("brown-out level and watchdog protect")
+            .count(),
+        1,
+        "{texts:?}"
+    );
+    let answers: String = outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect();
     assert_eq!(answers, "12=0\n12=3\n");
-    let written = outcome.board.mcu.bus().registers("Flash").expect("the flash").get(flash::Register::OptsrCur);
+    let written = outcome
+        .board
+        .mcu
+        .bus()
+        .registers("Flash")
+        .expect("the flash")
+        .get(flash::Register::OptsrCur);
     // BOR_LEV = 2 and IWDG1_SW = 0 (RM0433, 4.9.8), and nothing else.
-    assert_eq!(written, factory & !(3 << 2 | 1 << 4) | 2 << 2, "{written:#x}, {factory:#x} before");
+    assert_eq!(
+        written,
+        factory & !(3 << 2 | 1 << 4) | 2 << 2,
+        "{written:#x}, {factory:#x} before"
+    );
     assert_eq!(outcome.resets, 0);
 }

@@ -21,7 +21,12 @@ fn world() -> SharedWorld {
 }
 
 fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+    outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .filter(|text| !text.starts_with("trace ["))
+        .collect()
 }
 
 /// The edge at which something goes wrong: the sine is played since tick 2400.
@@ -33,29 +38,65 @@ fn played(world: &SharedWorld) -> Outcome {
         block: Some(block(&parameters())),
         envelope: Some(envelope_bytes(&watched_envelope())),
         monitored: Some(world.clone()),
-        commands: vec![(4 * MILLISECOND, b"arm untested\n".to_vec()), (120 * MILLISECOND, b"play sine 10000 10000 20000 20000\n".to_vec())],
+        commands: vec![
+            (4 * MILLISECOND, b"arm untested\n".to_vec()),
+            (
+                120 * MILLISECOND,
+                b"play sine 10000 10000 20000 20000\n".to_vec(),
+            ),
+        ],
         ..Script::listening(260 * MILLISECOND)
     };
-    run(&image(), NucleoBoard::with_plant(world).expect("a board"), script).expect("a run")
+    run(
+        &image(),
+        NucleoBoard::with_plant(world).expect("a board"),
+        script,
+    )
+    .expect("a run")
 }
 
 /// That the fault is named, and the power stage off within 2 ms of the trouble: a look at it every
 /// millisecond.
 fn assert_switched_off(world: &SharedWorld, outcome: &Outcome, fault: &str) {
     let named = format!("mode fault: {fault}");
-    assert_eq!(outcome.texts_with(&named).count(), 1, "{:?}", texts(outcome));
+    assert_eq!(
+        outcome.texts_with(&named).count(),
+        1,
+        "{:?}",
+        texts(outcome)
+    );
     let begun = world.lock().expect("the world").began_ns();
     let off = outcome.enabled.last().copied();
     let after_ns = off.map(|(at, _)| at as i64 - (begun + TROUBLE_EDGE * PERIOD_NS) as i64);
-    println!("{fault}: power stage off {} us behind the trouble", after_ns.unwrap_or(i64::MAX) / 1000);
-    assert!(matches!(off, Some((_, false))) && after_ns.is_some_and(|ns| ns < 2 * MILLISECOND as i64), "{off:?} {after_ns:?}");
+    println!(
+        "{fault}: power stage off {} us behind the trouble",
+        after_ns.unwrap_or(i64::MAX) / 1000
+    );
+    assert!(
+        matches!(off, Some((_, false))) && after_ns.is_some_and(|ns| ns < 2 * MILLISECOND as i64),
+        "{off:?} {after_ns:?}"
+    );
 }
 
 #[test]
 fn an_output_that_follows_is_no_fault() {
     let outcome = played(&world());
-    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
-    assert_eq!(outcome.enabled.iter().map(|(_, on)| *on).collect::<Vec<_>>(), [true], "{:?}", texts(&outcome));
+    assert_eq!(
+        outcome.texts_with("mode fault").count(),
+        0,
+        "{:?}",
+        texts(&outcome)
+    );
+    assert_eq!(
+        outcome
+            .enabled
+            .iter()
+            .map(|(_, on)| *on)
+            .collect::<Vec<_>>(),
+        [true],
+        "{:?}",
+        texts(&outcome)
+    );
 }
 
 #[test]
@@ -63,15 +104,21 @@ fn an_amplifier_with_another_gain_is_switched_off() {
     // Half of the gain; a block made for an amplifier of 10 in front of one of 15; none at all.
     for gain in [0.5, 1.5, 0.0] {
         let world = world();
-        world.lock().expect("the world").output_trouble = Some((TROUBLE_EDGE, OutputTrouble::Gain(gain)));
-        assert_switched_off(&world, &played(&world), "output of the amplifier is not the drive");
+        world.lock().expect("the world").output_trouble =
+            Some((TROUBLE_EDGE, OutputTrouble::Gain(gain)));
+        assert_switched_off(
+            &world,
+            &played(&world),
+            "output of the amplifier is not the drive",
+        );
     }
 }
 
 #[test]
 fn an_open_cable_of_the_monitor_is_named() {
     let world = world();
-    world.lock().expect("the world").output_trouble = Some((TROUBLE_EDGE, OutputTrouble::CableOpen));
+    world.lock().expect("the world").output_trouble =
+        Some((TROUBLE_EDGE, OutputTrouble::CableOpen));
     assert_switched_off(&world, &played(&world), "voltage monitor out of range");
 }
 
@@ -79,26 +126,47 @@ fn an_open_cable_of_the_monitor_is_named() {
 fn a_register_that_keeps_another_code_is_named() {
     let world = world();
     world.lock().expect("the world").register_stuck_from = Some(TROUBLE_EDGE);
-    assert_switched_off(&world, &played(&world), "drive's converter holds another code");
+    assert_switched_off(
+        &world,
+        &played(&world),
+        "drive's converter holds another code",
+    );
 }
 
 /// Notches and low-passes on both signals, at the same shares of the sampling rate.
 fn filters(sample_rate_hz: u32) -> [FilterSetting; 2] {
     let millihertz = |at_20_khz: u32| at_20_khz * (sample_rate_hz / 20);
-    let notch = |hz: u32, width_hz: u32| Notch { frequency_millihertz: millihertz(hz), width_millihertz: millihertz(width_hz) };
+    let notch = |hz: u32, width_hz: u32| Notch {
+        frequency_millihertz: millihertz(hz),
+        width_millihertz: millihertz(width_hz),
+    };
     [
-        FilterSetting { notches: [notch(852, 60), notch(2_500, 100)], low_pass_millihertz: millihertz(3_000) },
-        FilterSetting { notches: [notch(4_000, 200), notch(6_000, 200)], low_pass_millihertz: millihertz(8_000) },
+        FilterSetting {
+            notches: [notch(852, 60), notch(2_500, 100)],
+            low_pass_millihertz: millihertz(3_000),
+        },
+        FilterSetting {
+            notches: [notch(4_000, 200), notch(6_000, 200)],
+            low_pass_millihertz: millihertz(8_000),
+        },
     ]
 }
 
 /// The host's amplifier with these filters.
 pub fn amplifier_with_filters(parameters: &AmplifierParameters) -> Amplifier {
-    let (mut amplifier, rate_hz) = (Amplifier::new(*parameters), parameters.physical.sample_rate_hz);
-    for (signal, setting) in [FilteredSignal::SetPoint, FilteredSignal::Sensor].into_iter().zip(filters(rate_hz)) {
+    let (mut amplifier, rate_hz) = (
+        Amplifier::new(*parameters),
+        parameters.physical.sample_rate_hz,
+    );
+    for (signal, setting) in [FilteredSignal::SetPoint, FilteredSignal::Sensor]
+        .into_iter()
+        .zip(filters(rate_hz))
+    {
         for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
             let row = setting.row(place, rate_hz).expect("within the limits");
-            amplifier.command(Command::Filter { signal, place, row }).expect("accepted");
+            amplifier
+                .command(Command::Filter { signal, place, row })
+                .expect("accepted");
         }
     }
     amplifier
@@ -132,7 +200,12 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
     let bench = Bench::reference().expect("the bench");
     let parameters = best_parameters();
     let (first, ticks) = (22_300, 30_000);
-    let commands = [(99, "arm untested"), (100, "condition"), (first, "reference sine 50000 5000 5600"), (first + 1, "enable")];
+    let commands = [
+        (99, "arm untested"),
+        (100, "condition"),
+        (first, "reference sine 50000 5000 5600"),
+        (first + 1, "enable"),
+    ];
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let end = u64::from(ticks) * PERIOD_NS;
     let script = Script {
@@ -141,8 +214,14 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
         kept: Some(kept_filters(&parameters)),
         monitored: Some(world.clone()),
         commands: vec![
-            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
-            (u64::from(first) * PERIOD_NS + 20 * MILLISECOND, b"status\n".to_vec()),
+            (
+                2 * MILLISECOND,
+                [b"trace 31 1\n".to_vec(), lines(&commands)].concat(),
+            ),
+            (
+                u64::from(first) * PERIOD_NS + 20 * MILLISECOND,
+                b"status\n".to_vec(),
+            ),
             (end, b"status\n".to_vec()),
         ],
         serial: vec![(end, b"SPA? 1 0x7F000020 1 0x7F000034\n".to_vec())],
@@ -152,20 +231,46 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
     board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
     let outcome = run(&image(), board, script).expect("a run");
     let (target, lost) = samples(&outcome);
-    assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", texts(&outcome));
+    assert_eq!(
+        (lost, outcome.malformed, outcome.resets),
+        (0, 0, 0),
+        "{:?}",
+        texts(&outcome)
+    );
 
     let mut twin = World::new(&bench, Variant::FULL, 7);
-    let host = common::host_run_of(amplifier_with_filters(&parameters), &mut twin, &commands, ticks as usize);
+    let host = common::host_run_of(
+        amplifier_with_filters(&parameters),
+        &mut twin,
+        &commands,
+        ticks as usize,
+    );
     common::assert_same_bits(&target, &host);
-    let unfiltered = SineRun::new(&bench, &parameters, "reference sine 50000 5000 5600", ticks).on_host(&parameters);
+    let unfiltered = SineRun::new(&bench, &parameters, "reference sine 50000 5000 5600", ticks)
+        .on_host(&parameters);
     assert_ne!(host, unfiltered, "the filters are on");
 
-    let answers: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
+    let answers: String = outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect();
     assert_eq!(answers, "1 0x7f000020=852.000 \n1 0x7f000034=8000.000\n");
-    let status = outcome.texts_with("status").last().expect("a status").to_string();
+    let status = outcome
+        .texts_with("status")
+        .last()
+        .expect("a status")
+        .to_string();
     let number = |name: &str| -> u64 {
-        let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default().parse().unwrap_or(u64::MAX)
+        let rest = status
+            .split(&format!("{name}: "))
+            .nth(1)
+            .unwrap_or_default();
+        rest.split(|c: char| !c.is_ascii_digit())
+            .next()
+            .unwrap_or_default()
+            .parse()
+            .unwrap_or(u64::MAX)
     };
     println!(
         "tick with six sections: {} instructions at most, {} on the mean; slowest interrupt {} instructions behind its edge",
@@ -173,6 +278,14 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
         number("recent_tick_cycles"),
         (number("slowest_counts") - 200) * 2
     );
-    assert_eq!((number("lost_samples"), number("overruns")), (0, 0), "{status}");
-    assert!(number("most_tick_cycles") <= MOST_TICK_INSTRUCTIONS && number("recent_tick_cycles") <= MEAN_TICK_INSTRUCTIONS, "{status}");
+    assert_eq!(
+        (number("lost_samples"), number("overruns")),
+        (0, 0),
+        "{status}"
+    );
+    assert!(
+        number("most_tick_cycles") <= MOST_TICK_INSTRUCTIONS
+            && number("recent_tick_cycles") <= MEAN_TICK_INSTRUCTIONS,
+        "{status}"
+    );
 }

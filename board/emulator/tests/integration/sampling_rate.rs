@@ -10,7 +10,9 @@ use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, envelope_bytes, run, sample_rate_hz, watched_envelope};
+use hysteron_emulator::run::{
+    MILLISECOND, Outcome, Script, envelope_bytes, run, sample_rate_hz, watched_envelope,
+};
 use hysteron_sim::bench::{Bench, Variant};
 
 const RATE_HZ: u32 = 100_000;
@@ -30,8 +32,15 @@ fn fast_parameters() -> AmplifierParameters {
 }
 
 fn number(status: &str, name: &str) -> u64 {
-    let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();
-    rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default().parse().unwrap_or(u64::MAX)
+    let rest = status
+        .split(&format!("{name}: "))
+        .nth(1)
+        .unwrap_or_default();
+    rest.split(|c: char| !c.is_ascii_digit())
+        .next()
+        .unwrap_or_default()
+        .parse()
+        .unwrap_or(u64::MAX)
 }
 
 fn board(world: &hysteron_emulator::converters::SharedWorld) -> NucleoBoard {
@@ -41,7 +50,12 @@ fn board(world: &hysteron_emulator::converters::SharedWorld) -> NucleoBoard {
 }
 
 fn without_trace(outcome: &Outcome) -> Vec<&str> {
-    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+    outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .filter(|text| !text.starts_with("trace ["))
+        .collect()
 }
 
 /// Whether the image runs with everything that the bench may switch on.
@@ -63,8 +77,12 @@ impl Equipment {
 }
 
 /// The stage is virgin, as the servo takes it to be: a conditioning would take a second more.
-const COMMANDS: [(u32, &str); 4] =
-    [(1_000, "arm untested"), (1_001, "conditioning waived"), (1_002, "reference sine 50000 3000 6000"), (1_003, "enable")];
+const COMMANDS: [(u32, &str); 4] = [
+    (1_000, "arm untested"),
+    (1_001, "conditioning waived"),
+    (1_002, "reference sine 50000 3000 6000"),
+    (1_003, "enable"),
+];
 
 /// So many ticks on the host: what it did, and its codes.
 fn on_the_host(equipment: Equipment, ticks: u32) -> (Vec<TraceSample>, World) {
@@ -74,7 +92,10 @@ fn on_the_host(equipment: Equipment, ticks: u32) -> (Vec<TraceSample>, World) {
         Equipment::All => amplifier_with_filters(&parameters),
     };
     let mut world = World::new(&fast_bench(), Variant::FULL, 7);
-    (host_run_of(amplifier, &mut world, &COMMANDS, ticks as usize), world)
+    (
+        host_run_of(amplifier, &mut world, &COMMANDS, ticks as usize),
+        world,
+    )
 }
 
 /// So many ticks of the closed loop on image and host, which must give the same codes. Returns what the host
@@ -87,31 +108,62 @@ fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
     let end = u64::from(ticks) * PERIOD_NS;
     let script = Script {
         block: Some(block(&parameters)),
-        commands: vec![(2 * MILLISECOND, lines(&COMMANDS)), (end, b"status\n".to_vec())],
+        commands: vec![
+            (2 * MILLISECOND, lines(&COMMANDS)),
+            (end, b"status\n".to_vec()),
+        ],
         ..Script::listening(end + 20 * MILLISECOND)
     };
     let script = match equipment {
         Equipment::None => script,
         Equipment::All => {
-            let (envelope, kept) = (Some(envelope_bytes(&watched_envelope())), Some(kept_filters(&parameters)));
-            Script { envelope, kept, monitored: Some(world.clone()), ..script }
+            let (envelope, kept) = (
+                Some(envelope_bytes(&watched_envelope())),
+                Some(kept_filters(&parameters)),
+            );
+            Script {
+                envelope,
+                kept,
+                monitored: Some(world.clone()),
+                ..script
+            }
         }
     };
     let outcome = run(&image, board(&world), script).expect("a run");
     let texts = without_trace(&outcome);
     println!("{}", texts.join("\n"));
-    assert_eq!((outcome.malformed, outcome.resets, samples(&outcome).1), (0, 0, 0), "{texts:?}");
+    assert_eq!(
+        (outcome.malformed, outcome.resets, samples(&outcome).1),
+        (0, 0, 0),
+        "{texts:?}"
+    );
 
     let (host, twin) = on_the_host(equipment, ticks);
     let world = world.lock().expect("the world");
-    let differs = world.codes.iter().zip(&twin.codes).position(|(ours, theirs)| ours != theirs);
+    let differs = world
+        .codes
+        .iter()
+        .zip(&twin.codes)
+        .position(|(ours, theirs)| ours != theirs);
     assert!(world.codes.len() >= twin.codes.len() && twin.codes.len() == ticks as usize);
     if let Some(at) = differs {
         let around = at.saturating_sub(3)..(at + 4).min(ticks as usize);
-        panic!("image and host differ at edge {at}: {:?}, {:?}", &world.codes[around.clone()], &twin.codes[around]);
+        panic!(
+            "image and host differ at edge {at}: {:?}, {:?}",
+            &world.codes[around.clone()],
+            &twin.codes[around]
+        );
     }
-    let status = outcome.texts_with("status").last().expect("a status").to_string();
-    assert_eq!((number(&status, "lost_samples"), number(&status, "overruns")), (0, 0), "{status}");
+    let status = outcome
+        .texts_with("status")
+        .last()
+        .expect("a status")
+        .to_string();
+    assert_eq!(
+        (number(&status, "lost_samples"), number(&status, "overruns")),
+        (0, 0),
+        "{status}"
+    );
     // A timer count is two instructions; the interrupt is raised 200 counts after the edge.
     let slowest = number(&status, "slowest_counts") * 2;
     println!(
@@ -131,11 +183,17 @@ fn error_of_the_reading_um(host: &[TraceSample]) -> f64 {
     let parameters = fast_parameters();
     let c = &parameters.servo.converters;
     let error_um = |sample: &TraceSample| {
-        let position = f64::from(c.adc_zero) / 2f64.powi(24) + f64::from(sample.adc_code) * c.adc_step as f64 / 2f64.powi(40);
+        let position = f64::from(c.adc_zero) / 2f64.powi(24)
+            + f64::from(sample.adc_code) * c.adc_step as f64 / 2f64.powi(40);
         position - f64::from(sample.reference) / 2f64.powi(24)
     };
     let last = &host[host.len() - 50_000..];
-    (last.iter().map(|sample| error_um(sample).powi(2)).sum::<f64>() / last.len() as f64).sqrt()
+    (last
+        .iter()
+        .map(|sample| error_um(sample).powi(2))
+        .sum::<f64>()
+        / last.len() as f64)
+        .sqrt()
 }
 
 #[test]
@@ -150,5 +208,9 @@ fn a_loop_at_100_khz_gives_the_hosts_bits() {
 fn a_loop_at_100_khz_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
     let ticks = 60_000;
     let host = loop_at_100_khz(Equipment::All, ticks);
-    assert_ne!(host, on_the_host(Equipment::None, ticks).0, "the filters are on");
+    assert_ne!(
+        host,
+        on_the_host(Equipment::None, ticks).0,
+        "the filters are on"
+    );
 }

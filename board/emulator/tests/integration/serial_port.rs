@@ -11,37 +11,77 @@ use hysteron_sim::bench::{Bench, Variant};
 
 fn run_with(serial: Vec<(u64, Vec<u8>)>, until_ms: u64) -> (Outcome, SharedWorld) {
     let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
-    let script = Script { block: Some(block(&best_parameters())), serial, ..Script::listening(until_ms * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        serial,
+        ..Script::listening(until_ms * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     (outcome, world)
 }
 
 fn text(outcome: &Outcome) -> String {
-    outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect()
+    outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect()
 }
 
 #[test]
 fn a_conversation_moves_the_axis_and_reads_it_back() {
     let lines = "*IDN?\nARM 1 2\nRON 1 0\nSVO 1 1\nERR?\nVEL 1 500\nMOV 1 3\nERR?\nMOV 1 99\nERR?\nXYZ\nERR?\n";
-    let (outcome, world) =
-        run_with(vec![(10 * MILLISECOND, lines.into()), (120 * MILLISECOND, b"POS?\nONT? 1\nSVO?\nVOL?\n\x07".to_vec())], 150);
+    let (outcome, world) = run_with(
+        vec![
+            (10 * MILLISECOND, lines.into()),
+            (
+                120 * MILLISECOND,
+                b"POS?\nONT? 1\nSVO?\nVOL?\n\x07".to_vec(),
+            ),
+        ],
+        150,
+    );
     let answers = text(&outcome);
     let lines: Vec<&str> = answers.lines().collect();
     assert_eq!(lines.len(), 10, "{answers:?}");
     assert!(lines[0].contains("HYSTERON"), "{answers:?}");
-    assert_eq!((lines[1], lines[2], lines[3], lines[4]), ("0", "0", "7", "2"), "{answers:?}");
+    assert_eq!(
+        (lines[1], lines[2], lines[3], lines[4]),
+        ("0", "0", "7", "2"),
+        "{answers:?}"
+    );
     let number = |line: &str| -> f64 { line.trim_start_matches("1=").parse().expect("a number") };
     assert!((number(lines[5]) - 3.0).abs() < 0.05, "{answers:?}");
     assert_eq!((lines[6], lines[7]), ("1=1", "1=1"));
     assert!(number(lines[8]) > 1.0, "{answers:?}");
     assert_eq!(lines[9].chars().next(), Some('\u{b1}'));
     // 115200 baud: ten bits take 86.8 us.
-    let fastest = outcome.serial.windows(2).map(|pair| pair[1].0 - pair[0].0).min();
-    assert!((86_000..88_000).contains(&fastest.expect("bytes")), "{fastest:?}");
+    let fastest = outcome
+        .serial
+        .windows(2)
+        .map(|pair| pair[1].0 - pair[0].0)
+        .min();
+    assert!(
+        (86_000..88_000).contains(&fastest.expect("bytes")),
+        "{fastest:?}"
+    );
     // What the port says is what the converters did.
     let world = world.lock().expect("the world");
-    let highest = world.codes.iter().map(|(_, acting)| *acting).max().expect("codes");
-    assert!(highest > best_parameters().guard.rest_code + 1000, "the drive moved: {highest}");
+    let highest = world
+        .codes
+        .iter()
+        .map(|(_, acting)| *acting)
+        .max()
+        .expect("codes");
+    assert!(
+        highest > best_parameters().guard.rest_code + 1000,
+        "the drive moved: {highest}"
+    );
     assert_eq!(outcome.resets, 0);
 }
 
@@ -49,7 +89,13 @@ fn a_conversation_moves_the_axis_and_reads_it_back() {
 fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
     let begin = "ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 5\nHLP?\nHLP?\n";
     // The two lists take half a second at this baud rate.
-    let (outcome, world) = run_with(vec![(10 * MILLISECOND, begin.into()), (100 * MILLISECOND, b"\x18".to_vec())], 200);
+    let (outcome, world) = run_with(
+        vec![
+            (10 * MILLISECOND, begin.into()),
+            (100 * MILLISECOND, b"\x18".to_vec()),
+        ],
+        200,
+    );
     let rest = best_parameters().guard.rest_code;
     let sent_until = outcome.serial.last().expect("an answer").0;
     assert!(
@@ -66,14 +112,25 @@ fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
     assert!(before > rest + 5_000, "the loop is closed: {before}");
     let ramp = best_parameters().guard.ramp_codes;
     let turned = (edge(100 * MILLISECOND)..world.codes.len() - 20)
-        .find(|at| world.codes[*at..*at + 20].windows(2).all(|pair| pair[1].1 + ramp == pair[0].1 || pair[1].1 == rest))
+        .find(|at| {
+            world.codes[*at..*at + 20]
+                .windows(2)
+                .all(|pair| pair[1].1 + ramp == pair[0].1 || pair[1].1 == rest)
+        })
         .expect("a ramp");
     let late_us = (turned as u64 * 50_000 + first).saturating_sub(100 * MILLISECOND) / 1000;
     println!("stop: the ramp began {late_us} us after the byte was given to the line");
     assert!(late_us < 1_300, "{late_us} us");
     assert_eq!(world.codes.last().map(|codes| codes.1), Some(rest));
-    let said: Vec<&str> = outcome.messages.iter().map(|message| message.text.as_str()).collect();
-    assert!(said.iter().any(|text| text.starts_with("stopped")), "{said:?}");
+    let said: Vec<&str> = outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .collect();
+    assert!(
+        said.iter().any(|text| text.starts_with("stopped")),
+        "{said:?}"
+    );
 }
 
 /// Lines that bring a block, a few at a time.
@@ -84,53 +141,124 @@ fn upload(block: &[u8], from_ms: u64) -> Vec<(u64, Vec<u8>)> {
         format!("BLK DATA {} {digits}\n", 32 * nth)
     }));
     let bunches = lines.chunks(16).enumerate();
-    bunches.map(|(nth, bunch)| ((from_ms + 20 * nth as u64) * MILLISECOND, bunch.concat().into_bytes())).collect()
+    bunches
+        .map(|(nth, bunch)| {
+            (
+                (from_ms + 20 * nth as u64) * MILLISECOND,
+                bunch.concat().into_bytes(),
+            )
+        })
+        .collect()
 }
 
 #[test]
 fn from_an_empty_flash_a_block_is_brought_kept_and_taken() {
     let good = block(&best_parameters());
-    let mut serial = vec![(10 * MILLISECOND, b"SVO 1 1\nERR?\nRBT 1\nERR?\nIFC RSBAUD 921600\n".to_vec())];
+    let mut serial = vec![(
+        10 * MILLISECOND,
+        b"SVO 1 1\nERR?\nRBT 1\nERR?\nIFC RSBAUD 921600\n".to_vec(),
+    )];
     serial.extend(upload(&good, 30));
-    serial.push((130 * MILLISECOND, b"ERR?\nBLK COMMIT\nBLK?\nRBT\nERR?\n".to_vec()));
+    serial.push((
+        130 * MILLISECOND,
+        b"ERR?\nBLK COMMIT\nBLK?\nRBT\nERR?\n".to_vec(),
+    ));
     serial.push((1_300 * MILLISECOND, b"BLK?\nRBT\n".to_vec()));
-    serial.push((1_350 * MILLISECOND, b"*IDN?\nDIA? 1 2 8 9\nIFC?\nARM 1 2\nATZ 1\nERR?\n".to_vec()));
+    serial.push((
+        1_350 * MILLISECOND,
+        b"*IDN?\nDIA? 1 2 8 9\nIFC?\nARM 1 2\nATZ 1\nERR?\n".to_vec(),
+    ));
     let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
-    let script = Script { serial, ..Script::listening(1_400 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let script = Script {
+        serial,
+        ..Script::listening(1_400 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let answers = text(&outcome);
     let lines: Vec<&str> = answers.lines().map(str::trim_end).collect();
     let fingerprint = hysteron_core::parameter_block::fingerprint(&good).expect("a block");
     let last = format!("9={fingerprint}");
-    assert_eq!(lines[..6], ["201", "24", "0", "BUSY", "93", "KEPT"], "{answers:?}");
+    assert_eq!(
+        lines[..6],
+        ["201", "24", "0", "BUSY", "93", "KEPT"],
+        "{answers:?}"
+    );
     assert!(lines[6].contains("HYSTERON"), "{answers:?}");
-    assert_eq!(lines[7..], ["1=0", "2=0", "8=1", last.as_str(), "RSBAUD=115200", "0"], "{answers:?}");
+    assert_eq!(
+        lines[7..],
+        ["1=0", "2=0", "8=1", last.as_str(), "RSBAUD=115200", "0"],
+        "{answers:?}"
+    );
     assert_eq!(outcome.resets, 1);
     // Ten bits at the speed that was asked for, and again at the usual one after the restart.
     let gaps = |from: u64, to: u64| {
-        let sent = outcome.serial.windows(2).filter(move |pair| (from..to).contains(&(pair[0].0 / MILLISECOND)));
+        let sent = outcome
+            .serial
+            .windows(2)
+            .filter(move |pair| (from..to).contains(&(pair[0].0 / MILLISECOND)));
         sent.map(|pair| pair[1].0 - pair[0].0).min().expect("bytes")
     };
-    assert!((10_700..11_000).contains(&gaps(130, 200)), "{}", gaps(130, 200));
-    assert!((86_000..88_000).contains(&gaps(1_350, 1_400)), "{}", gaps(1_350, 1_400));
+    assert!(
+        (10_700..11_000).contains(&gaps(130, 200)),
+        "{}",
+        gaps(130, 200)
+    );
+    assert!(
+        (86_000..88_000).contains(&gaps(1_350, 1_400)),
+        "{}",
+        gaps(1_350, 1_400)
+    );
 }
 
 #[test]
 fn a_wave_with_the_servo_off_is_a_drive_and_its_record_begins_with_it() {
     let stairs = "ARM 1 2\nWAV 1 X LIN 40 60 0 40 0 0\nWAV 1 & LIN 40 -60 60 40 0 0\nWSL 1 1\nWGC 1 1\nWTR 1 10 0\nRTR 10\nWGO 1 1\nERR?\n";
-    let (outcome, world) = run_with(vec![(10 * MILLISECOND, stairs.into()), (70 * MILLISECOND, b"WGO?\nDRR? 1 80 2 4\n".to_vec())], 320);
+    let (outcome, world) = run_with(
+        vec![
+            (10 * MILLISECOND, stairs.into()),
+            (70 * MILLISECOND, b"WGO?\nDRR? 1 80 2 4\n".to_vec()),
+        ],
+        320,
+    );
     let answers = text(&outcome);
     let (head, rows) = answers.split_once("# END_HEADER \n").expect("a header");
     assert!(head.starts_with("0\n1=0\n"), "{head:?}");
-    let rows: Vec<f64> =
-        rows.lines().map(|row| row.split_whitespace().nth(1).and_then(|word| word.parse().ok()).expect("a drive")).collect();
+    let rows: Vec<f64> = rows
+        .lines()
+        .map(|row| {
+            row.split_whitespace()
+                .nth(1)
+                .and_then(|word| word.parse().ok())
+                .expect("a drive")
+        })
+        .collect();
     assert_eq!(rows.len(), 80);
     // Each sample has the drive that acts from it on, and for as many ticks as lie between two samples.
     let scale = Bench::reference().expect("the bench").converter_scale();
     let world = world.lock().expect("the world");
-    let acting: Vec<f64> = world.codes.iter().map(|(_, acting)| scale.drive_v(*acting)).collect();
+    let acting: Vec<f64> = world
+        .codes
+        .iter()
+        .map(|(_, acting)| scale.drive_v(*acting))
+        .collect();
     let rest_v = acting[100];
-    let begin = acting.iter().rposition(|v| (v - rest_v).abs() > 1e-6).expect("a drive") + 1;
-    let first = (0..begin).find(|edge| (0..80).all(|nth| (0..10).all(|tick| (acting[edge + 10 * nth + tick] - rows[nth]).abs() < 2e-3)));
-    assert!(first.is_some(), "the record is not in step with the drive: {rows:?}");
+    let begin = acting
+        .iter()
+        .rposition(|v| (v - rest_v).abs() > 1e-6)
+        .expect("a drive")
+        + 1;
+    let first = (0..begin).find(|edge| {
+        (0..80).all(|nth| {
+            (0..10).all(|tick| (acting[edge + 10 * nth + tick] - rows[nth]).abs() < 2e-3)
+        })
+    });
+    assert!(
+        first.is_some(),
+        "the record is not in step with the drive: {rows:?}"
+    );
 }

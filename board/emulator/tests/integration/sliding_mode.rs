@@ -23,7 +23,10 @@ const LIMITS: (u64, u64) = (4_300, 1_150);
 /// inverted behind it.
 fn pidsmoc() -> AmplifierParameters {
     let nominal = NominalModel::THESIS;
-    let mode = ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio };
+    let mode = ModeModel {
+        natural_frequency_rad_s: nominal.natural_frequency_rad_s,
+        damping_ratio: nominal.damping_ratio,
+    };
     let linear = LinearModel {
         first_mode: mode,
         second_mode: None,
@@ -33,14 +36,27 @@ fn pidsmoc() -> AmplifierParameters {
     };
     // Stable with half the gain and half as much again, a period more of delay and twice the mass; the
     // assertion below checks the first three.
-    let tuning = SlidingTuning { m: 3100.0, reaching: (5400.0, 0.8), estimator: (8000.0, 0.7), unknown_rate: 1800.0 };
-    let family = SlidingFamily { kind: SlidingKind::Pidsmoc, nominal, unknown_bound_v: 0.0 };
+    let tuning = SlidingTuning {
+        m: 3100.0,
+        reaching: (5400.0, 0.8),
+        estimator: (8000.0, 0.7),
+        unknown_rate: 1800.0,
+    };
+    let family = SlidingFamily {
+        kind: SlidingKind::Pidsmoc,
+        nominal,
+        unknown_bound_v: 0.0,
+    };
     let (estimator, controller, reaching) = family.gains(&tuning);
     let law = SlidingModeLaw::predicted(&nominal, &estimator, &controller, &reaching);
     let loop_of = law.as_predictor().expect("linear");
     let plant = linear.sampled();
     let radius = |gain: f64, extra_delay: usize| loop_of.spectral_radius(&plant, gain, extra_delay);
-    assert!([(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)].into_iter().all(|(gain, extra_delay)| radius(gain, extra_delay) < 1.0));
+    assert!(
+        [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)]
+            .into_iter()
+            .all(|(gain, extra_delay)| radius(gain, extra_delay) < 1.0)
+    );
     let mut out = best_parameters();
     out.physical.spectral_radius_millionths = (radius(1.0, 0) * 1e6).ceil() as u32;
     out.servo.law = law.following(&linear).quantised().expect("fits");
@@ -51,21 +67,29 @@ fn pidsmoc() -> AmplifierParameters {
 fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
     let bench = Bench::reference().expect("the bench");
     let parameters = pidsmoc();
-    assert!(matches!(&parameters.servo.law, LawParameters::SlidingMode { controller, .. } if controller.prediction.is_some()));
+    assert!(
+        matches!(&parameters.servo.law, LawParameters::SlidingMode { controller, .. } if controller.prediction.is_some())
+    );
     // A step, then a sine of 5 um that goes on to the end.
     let commands = [
         (99, "arm untested"),
         (100, "condition"),
         (FIRST_TICK, "reference sine 10000 5000 5600"),
         (FIRST_TICK + 1, "enable"),
-        (FIRST_TICK + TICKS_UNDER_CONTROL / 2, "reference sine 100000 5000 5600"),
+        (
+            FIRST_TICK + TICKS_UNDER_CONTROL / 2,
+            "reference sine 100000 5000 5600",
+        ),
     ];
     let ticks = FIRST_TICK + TICKS_UNDER_CONTROL;
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
+            (
+                2 * MILLISECOND,
+                [b"trace 31 1\n".to_vec(), lines(&commands)].concat(),
+            ),
             (u64::from(ticks) * 50_000, b"status\n".to_vec()),
         ],
         ..Script::listening(u64::from(ticks) * 50_000 + 20 * MILLISECOND)
@@ -78,10 +102,21 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
     let mut twin = World::new(&bench, Variant::FULL, 7);
     let host = host_run(&parameters, &mut twin, &commands, ticks as usize);
     assert_same_bits(&target, &host);
-    let status = outcome.texts_with("status").last().expect("a status").to_string();
+    let status = outcome
+        .texts_with("status")
+        .last()
+        .expect("a status")
+        .to_string();
     let number = |name: &str| -> u64 {
-        let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default().parse().unwrap_or(u64::MAX)
+        let rest = status
+            .split(&format!("{name}: "))
+            .nth(1)
+            .unwrap_or_default();
+        rest.split(|c: char| !c.is_ascii_digit())
+            .next()
+            .unwrap_or_default()
+            .parse()
+            .unwrap_or(u64::MAX)
     };
     println!(
         "{} ticks under control; {} instructions at most, {} on the mean",
@@ -89,5 +124,8 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
         number("most_tick_cycles"),
         number("recent_tick_cycles")
     );
-    assert!(number("most_tick_cycles") <= LIMITS.0 && number("recent_tick_cycles") <= LIMITS.1, "{status}");
+    assert!(
+        number("most_tick_cycles") <= LIMITS.0 && number("recent_tick_cycles") <= LIMITS.1,
+        "{status}"
+    );
 }

@@ -38,19 +38,43 @@ const LIMITS: [(&str, u32, u32); 11] = [
 fn the_servo_tick_keeps_its_count_with_a_full_memory() {
     let mut board = NucleoBoard::new().expect("a board");
     board.instructions_per_second = RESET_CLOCK_HZ;
-    let outcome = run(&image_named("tick_cost"), board, Script::listening(1_000 * MILLISECOND)).expect("a run");
-    assert_eq!(outcome.texts_with("tick cost done").count(), 1, "{:?}", outcome.messages);
+    let outcome = run(
+        &image_named("tick_cost"),
+        board,
+        Script::listening(1_000 * MILLISECOND),
+    )
+    .expect("a run");
+    assert_eq!(
+        outcome.texts_with("tick cost done").count(),
+        1,
+        "{:?}",
+        outcome.messages
+    );
     for (case, most, typical) in LIMITS {
         let begin = format!("tick cost {case} most");
-        let text = outcome.texts_with(&begin).next().expect("every case is reported");
+        let text = outcome
+            .texts_with(&begin)
+            .next()
+            .expect("every case is reported");
         println!("{text} (limits {most}, {typical})");
         let number = |name: &str| -> u32 {
             let mut words = text.split(' ').skip_while(|word| *word != name);
-            words.nth(1).and_then(|word| word.parse().ok()).unwrap_or(u32::MAX)
+            words
+                .nth(1)
+                .and_then(|word| word.parse().ok())
+                .unwrap_or(u32::MAX)
         };
         let share = |khz: u32| 100.0 * f64::from(number("most") * khz) / f64::from(CORE_KHZ);
-        println!("   of a period: {:.1} % at 20 kHz, {:.1} % at 50 kHz, {:.1} % at 100 kHz", share(20), share(50), share(100));
-        assert!(number("most") <= most && number("typical") <= typical, "{text}");
+        println!(
+            "   of a period: {:.1} % at 20 kHz, {:.1} % at 50 kHz, {:.1} % at 100 kHz",
+            share(20),
+            share(50),
+            share(100)
+        );
+        assert!(
+            number("most") <= most && number("typical") <= typical,
+            "{text}"
+        );
         if case == "follow" {
             assert_eq!(number("pairs"), 16, "the memory is full: {text}");
         }

@@ -25,28 +25,55 @@ fn the_output_is_high_while_the_chosen_point_acts_in_every_cycle() {
         (80 * MILLISECOND, b"TWC\nTWS?\nWGO 1 1\nERR?\n".to_vec()),
     ];
     let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
-    let script =
-        Script { block: Some(block(&best_parameters())), serial, read_every_ns: Some(PERIOD_NS), ..Script::listening(130 * MILLISECOND) };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    let answers: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        serial,
+        read_every_ns: Some(PERIOD_NS),
+        ..Script::listening(130 * MILLISECOND)
+    };
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
+    let answers: String = outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect();
     assert_eq!(answers, "17\n17\n0\n1=3\n1=0\n0\n");
 
     // When the third point acted, as the drive's converter saw it.
     let world = world.lock().expect("the world");
     let began_ns = world.began_ns();
     // 0.5 V above the 10 V of the others, of -20..120 V.
-    let is_third = |code: hysteron_core::codes::DriveCode| f64::from(code) > (10.5 + 20.0) / 140.0 * 65_536.0;
-    let acting: Vec<bool> = world.codes.iter().map(|(_, code)| is_third(*code)).collect();
+    let is_third =
+        |code: hysteron_core::codes::DriveCode| f64::from(code) > (10.5 + 20.0) / 140.0 * 65_536.0;
+    let acting: Vec<bool> = world
+        .codes
+        .iter()
+        .map(|(_, code)| is_third(*code))
+        .collect();
     let edges: Vec<(u64, bool)> = (1u64..)
         .zip(acting.windows(2))
         .filter(|(_, pair)| pair[0] != pair[1])
         .map(|(edge, pair)| (began_ns + edge * PERIOD_NS, pair[1]))
         .collect();
     assert_eq!(edges.len(), 12, "three cycles, twice: {edges:?}");
-    assert_eq!(outcome.triggered.len(), 6, "with the first three, and not without a point: {:?}", outcome.triggered);
+    assert_eq!(
+        outcome.triggered.len(),
+        6,
+        "with the first three, and not without a point: {:?}",
+        outcome.triggered
+    );
     for ((seen_ns, high), (acts_ns, third)) in outcome.triggered.iter().zip(&edges) {
         let late_ns = seen_ns.checked_sub(*acts_ns);
-        assert!(high == third && late_ns.is_some_and(|late_ns| late_ns <= PERIOD_NS), "{:?}\n{edges:?}", outcome.triggered);
+        assert!(
+            high == third && late_ns.is_some_and(|late_ns| late_ns <= PERIOD_NS),
+            "{:?}\n{edges:?}",
+            outcome.triggered
+        );
     }
     assert_eq!(outcome.resets, 0);
 }

@@ -16,7 +16,9 @@ use hysteron_core::checksum::crc32;
 use hysteron_core::firmware_update::{H743ZI, HEADER_OFFSET, Mark, Request};
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, run};
+use hysteron_emulator::run::{
+    BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, run,
+};
 use hysteron_emulator::serial_line::SharedLine;
 use hysteron_emulator::serial_socket;
 use hysteron_sim::bench::{Bench, Variant};
@@ -27,7 +29,8 @@ const ERASED: u64 = 0xFFFF_FFFF;
 
 /// The image under test as the line carries it.
 fn sent() -> FirmwareImage {
-    FirmwareImage::from_elf(&std::fs::read(image()).expect("an image")).expect("an image of this board")
+    FirmwareImage::from_elf(&std::fs::read(image()).expect("an image"))
+        .expect("an image of this board")
 }
 
 /// The same with other bytes at a place.
@@ -44,23 +47,44 @@ fn newer() -> FirmwareImage {
 
 /// The flash of a board to which an image has come, and which has not restarted yet.
 fn requested(image: &FirmwareImage) -> Vec<(u64, Vec<u8>)> {
-    let request = Request { bytes: image.bytes.len() as u32, checksum: image.checksum };
-    vec![(H743ZI.incoming.into(), image.bytes.clone()), (H743ZI.journal.into(), request.word().to_vec())]
+    let request = Request {
+        bytes: image.bytes.len() as u32,
+        checksum: image.checksum,
+    };
+    vec![
+        (H743ZI.incoming.into(), image.bytes.clone()),
+        (H743ZI.journal.into(), request.word().to_vec()),
+    ]
 }
 
 fn run_with(script: Script) -> Outcome {
     let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), Script { block: Some(block(&parameters())), ..script });
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        Script {
+            block: Some(block(&parameters())),
+            ..script
+        },
+    );
     outcome.expect("a run")
 }
 
 fn text(outcome: &Outcome) -> String {
-    outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect()
+    outcome
+        .serial
+        .iter()
+        .map(|(_, byte)| char::from(*byte))
+        .collect()
 }
 
 fn said(outcome: &Outcome) -> Vec<(u64, &str)> {
-    let said = outcome.messages.iter().filter(|message| !message.text.starts_with("trace ["));
-    said.map(|message| (message.at_ns / MILLISECOND, message.text.as_str())).collect()
+    let said = outcome
+        .messages
+        .iter()
+        .filter(|message| !message.text.starts_with("trace ["));
+    said.map(|message| (message.at_ns / MILLISECOND, message.text.as_str()))
+        .collect()
 }
 
 const QUESTIONS: &[u8] = b"*IDN?\nUPD?\nDIA? 2\nLOG?\n";
@@ -78,19 +102,37 @@ impl Drop for End {
 fn an_update_over_the_line_runs_and_a_damaged_one_does_not() {
     let (line, ended) = (SharedLine::default(), Arc::new(AtomicBool::new(false)));
     let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
-    let address = Address::tcp(&listener.local_addr().expect("an address").to_string()).expect("an address");
+    let address =
+        Address::tcp(&listener.local_addr().expect("an address").to_string()).expect("an address");
     serial_socket::serve(listener, &line);
     let end = End(Arc::clone(&ended));
     let operator = std::thread::spawn(move || {
         let _end = end;
         operate(&address)
     });
-    let outcome = run_with(Script { line: Some(line), ended: Some(ended), ..Script::listening(600 * SECOND) });
+    let outcome = run_with(Script {
+        line: Some(line),
+        ended: Some(ended),
+        ..Script::listening(600 * SECOND)
+    });
     let result = operator.join().expect("the operator");
-    println!("{} ms of the board, {} instructions", outcome.end.0 / MILLISECOND, outcome.end.1);
+    println!(
+        "{} ms of the board, {} instructions",
+        outcome.end.0 / MILLISECOND,
+        outcome.end.1
+    );
     result.unwrap_or_else(|problem| panic!("{problem}: {:?}", said(&outcome)));
-    assert_eq!(outcome.resets, 2, "the restart behind the damaged image, and the one that installs: {:?}", said(&outcome));
-    assert!(outcome.enabled.iter().filter(|(_, on)| *on).count() <= 1, "the power stage was only on while armed: {:?}", outcome.enabled);
+    assert_eq!(
+        outcome.resets,
+        2,
+        "the restart behind the damaged image, and the one that installs: {:?}",
+        said(&outcome)
+    );
+    assert!(
+        outcome.enabled.iter().filter(|(_, on)| *on).count() <= 1,
+        "the power stage was only on while armed: {:?}",
+        outcome.enabled
+    );
 }
 
 /// Lets the line be fast: it takes longer than the flash.
@@ -111,26 +153,46 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
     board.tell("ARM 1 2")?;
     let refused = bring(&mut board, &new, new.checksum, |_| {}).expect_err("armed");
     assert!(refused.message().contains("armed"), "{refused}");
-    assert!(board.tell("UPD BEGIN 4096").expect_err("armed").message().contains("error 93"));
+    assert!(
+        board
+            .tell("UPD BEGIN 4096")
+            .expect_err("armed")
+            .message()
+            .contains("error 93")
+    );
     board.tell("ARM 1 0")?;
     board.wait("ARM? 1", |answer| Ok(answer == "1=0"))?;
     board.wait("DIA? 1", |mode| Ok(mode == "1=0"))?;
 
     // The first 16 KiB, of which a byte changes on its way.
-    let mut damaged = FirmwareImage { bytes: new.bytes[..0x4000].to_vec(), ..new.clone() };
+    let mut damaged = FirmwareImage {
+        bytes: new.bytes[..0x4000].to_vec(),
+        ..new.clone()
+    };
     let checksum = crc32(&damaged.bytes);
     damaged.bytes[0x2000] ^= 0x10;
     let refused = bring(&mut board, &damaged, checksum, |_| {}).expect_err("damaged");
-    assert!(refused.message().contains("the checksum is not that of what came"), "{refused}");
+    assert!(
+        refused
+            .message()
+            .contains("the checksum is not that of what came"),
+        "{refused}"
+    );
     let nothing = install(&mut board, None, |_| {}).expect_err("nothing to install");
     assert!(nothing.message().contains("at NOTHING"), "{nothing}");
     hurry(&mut board)?;
-    assert_eq!(board.identification, old, "the running image has not changed");
+    assert_eq!(
+        board.identification, old,
+        "the running image has not changed"
+    );
 
     bring(&mut board, &new, new.checksum, |_| {})?;
     assert_eq!(board.ask("*IDN?")?.trim(), old, "it runs until the restart");
     let now = install(&mut board, None, |_| {})?;
-    assert!(now.ends_with("9.8.7") && !old.ends_with("9.8.7"), "{old}, then {now}");
+    assert!(
+        now.ends_with("9.8.7") && !old.ends_with("9.8.7"),
+        "{old}, then {now}"
+    );
     assert_eq!(state(&mut board)?, "CONFIRMED");
     Ok(())
 }
@@ -140,7 +202,14 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
 fn an_image_that_does_not_become_healthy_is_rolled_back() {
     let main = address_of(&image(), "main").expect("a program") - u64::from(H743ZI.running);
     let bad = altered(main as usize, &0xE7FEu16.to_le_bytes());
-    let peeks = (1..17).map(|second| (second * SECOND, u64::from(Mark::Installed.address(H743ZI.journal)))).collect();
+    let peeks = (1..17)
+        .map(|second| {
+            (
+                second * SECOND,
+                u64::from(Mark::Installed.address(H743ZI.journal)),
+            )
+        })
+        .collect();
     let script = Script {
         flash: requested(&bad),
         peeks,
@@ -149,11 +218,29 @@ fn an_image_that_does_not_become_healthy_is_rolled_back() {
     };
     let outcome = run_with(script);
     let answers = text(&outcome);
-    assert!(outcome.peeked.contains(&0) && outcome.peeked[0] == ERASED, "it was installed: {:x?}", outcome.peeked);
+    assert!(
+        outcome.peeked.contains(&0) && outcome.peeked[0] == ERASED,
+        "it was installed: {:x?}",
+        outcome.peeked
+    );
     assert_eq!(outcome.resets, 1, "the watchdog's: {:?}", said(&outcome));
-    assert!(answers.contains("STATE=ROLLED_BACK") && answers.contains("2=31"), "{answers}, {:?}", said(&outcome));
-    assert!(answers.contains("FAULT=31 update rolled back"), "the log of faults: {answers}");
-    assert_eq!(outcome.texts_with("did not become healthy and was rolled back").count(), 1, "{:?}", said(&outcome));
+    assert!(
+        answers.contains("STATE=ROLLED_BACK") && answers.contains("2=31"),
+        "{answers}, {:?}",
+        said(&outcome)
+    );
+    assert!(
+        answers.contains("FAULT=31 update rolled back"),
+        "the log of faults: {answers}"
+    );
+    assert_eq!(
+        outcome
+            .texts_with("did not become healthy and was rolled back")
+            .count(),
+        1,
+        "{:?}",
+        said(&outcome)
+    );
 }
 
 /// The supply fails while the running image is saved, and while the first sector of the new one is copied over
@@ -165,16 +252,37 @@ fn a_supply_that_fails_within_the_swap_is_recovered() {
     let cuts = [2 * SECOND, 7_500 * MILLISECOND, 8_850 * MILLISECOND];
     let script = Script {
         flash: requested(&newer()),
-        injections: cuts.iter().map(|at| (*at, Injection::Restart { flags: BROWN_OUT_FLAG })).collect(),
-        peeks: cuts.iter().map(|at| (*at - MILLISECOND, end_of_sector)).collect(),
+        injections: cuts
+            .iter()
+            .map(|at| {
+                (
+                    *at,
+                    Injection::Restart {
+                        flags: BROWN_OUT_FLAG,
+                    },
+                )
+            })
+            .collect(),
+        peeks: cuts
+            .iter()
+            .map(|at| (*at - MILLISECOND, end_of_sector))
+            .collect(),
         serial: vec![(14_400 * MILLISECOND, QUESTIONS.into())],
         ..Script::listening(14_500 * MILLISECOND)
     };
     let outcome = run_with(script);
     let answers = text(&outcome);
-    assert!(outcome.peeked[0] != ERASED && outcome.peeked[2] == ERASED, "no image is whole at the last cut: {:x?}", outcome.peeked);
+    assert!(
+        outcome.peeked[0] != ERASED && outcome.peeked[2] == ERASED,
+        "no image is whole at the last cut: {:x?}",
+        outcome.peeked
+    );
     assert_eq!(outcome.resets, 3);
-    assert!(answers.contains("9.8.7") && answers.contains("STATE=CONFIRMED"), "{answers}, {:?}", said(&outcome));
+    assert!(
+        answers.contains("9.8.7") && answers.contains("STATE=CONFIRMED"),
+        "{answers}, {:?}",
+        said(&outcome)
+    );
 }
 
 /// The boot stage computes the checksum again; nothing is erased.
@@ -182,9 +290,18 @@ fn a_supply_that_fails_within_the_swap_is_recovered() {
 fn a_request_whose_image_is_damaged_installs_nothing() {
     let mut flash = requested(&newer());
     flash[0].1[0x8000] ^= 1;
-    let script = Script { flash, serial: vec![(400 * MILLISECOND, QUESTIONS.into())], ..Script::listening(450 * MILLISECOND) };
+    let script = Script {
+        flash,
+        serial: vec![(400 * MILLISECOND, QUESTIONS.into())],
+        ..Script::listening(450 * MILLISECOND)
+    };
     let outcome = run_with(script);
     let answers = text(&outcome);
-    assert!(answers.contains("STATE=NOT_INSTALLED") && !answers.contains("9.8.7") && answers.contains("2=0"), "{answers}");
+    assert!(
+        answers.contains("STATE=NOT_INSTALLED")
+            && !answers.contains("9.8.7")
+            && answers.contains("2=0"),
+        "{answers}"
+    );
     assert_eq!(outcome.resets, 0);
 }

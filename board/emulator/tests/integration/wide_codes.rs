@@ -28,8 +28,15 @@ fn parameters(bench: &Bench) -> AmplifierParameters {
     let mut out = best_parameters();
     let narrow = out.servo.converters;
     let wide = bench.converter_scale().parameters();
-    let (adc, dac) = (wide.adc_bits - narrow.adc_bits, wide.dac_bits - narrow.dac_bits);
-    out.servo.converters = ConverterParameters { slew_codes: narrow.slew_codes << dac, noise_shaping: narrow.noise_shaping, ..wide };
+    let (adc, dac) = (
+        wide.adc_bits - narrow.adc_bits,
+        wide.dac_bits - narrow.dac_bits,
+    );
+    out.servo.converters = ConverterParameters {
+        slew_codes: narrow.slew_codes << dac,
+        noise_shaping: narrow.noise_shaping,
+        ..wide
+    };
     let rail = out.guard.adc_code_min.steps() << adc;
     out.guard.adc_code_min = SensorCode::new(rail);
     out.guard.adc_code_max = SensorCode::highest(wide.adc_bits) - rail;
@@ -43,24 +50,50 @@ fn parameters(bench: &Bench) -> AmplifierParameters {
 fn agrees_with_the_host(adc_bits: u8, dac_bits: u8) {
     let bench = bench(adc_bits, dac_bits);
     let parameters = parameters(&bench);
-    let commands = [(99, "arm untested"), (100, "condition"), (ENABLE_TICK, "reference sine 10000 5000 5600"), (ENABLE_TICK + 1, "enable")];
+    let commands = [
+        (99, "arm untested"),
+        (100, "condition"),
+        (ENABLE_TICK, "reference sine 10000 5000 5600"),
+        (ENABLE_TICK + 1, "enable"),
+    ];
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
+            (
+                2 * MILLISECOND,
+                [b"trace 31 1\n".to_vec(), lines(&commands)].concat(),
+            ),
             (u64::from(TICKS) * 50_000, b"status\n".to_vec()),
         ],
         ..Script::listening(u64::from(TICKS) * 50_000 + 20 * MILLISECOND)
     };
-    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let outcome = run(
+        &image(),
+        NucleoBoard::with_plant(&world).expect("a board"),
+        script,
+    )
+    .expect("a run");
     let (target, lost) = samples(&outcome);
-    assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", outcome.messages);
+    assert_eq!(
+        (lost, outcome.malformed, outcome.resets),
+        (0, 0, 0),
+        "{:?}",
+        outcome.messages
+    );
     let status = outcome.texts_with("status").last().expect("a status");
     assert!(status.contains("overruns: 0"), "{status}");
 
-    let host = host_run(&parameters, &mut World::new(&bench, Variant::FULL, 7), &commands, TICKS as usize);
-    let target: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < TICKS).collect();
+    let host = host_run(
+        &parameters,
+        &mut World::new(&bench, Variant::FULL, 7),
+        &commands,
+        TICKS as usize,
+    );
+    let target: Vec<_> = target
+        .iter()
+        .filter(|sample| sample.tick >= 100 && sample.tick < TICKS)
+        .collect();
     assert_eq!(target.len(), (TICKS - 100) as usize);
     for (ours, theirs) in target.iter().zip(&host[100..]) {
         assert_eq!(**ours, *theirs);
@@ -69,19 +102,40 @@ fn agrees_with_the_host(adc_bits: u8, dac_bits: u8) {
     // The converters saw what the trace says, and all bits of it are used.
     let closed = &host[ENABLE_TICK as usize + 1000..];
     let seen = &world.lock().expect("the world").codes;
-    let sent: Vec<_> = closed.iter().map(|sample| (sample.adc_code, sample.dac_code)).collect();
+    let sent: Vec<_> = closed
+        .iter()
+        .map(|sample| (sample.adc_code, sample.dac_code))
+        .collect();
     // A code that was written in a tick acts from the next edge on.
     let acted: Vec<_> = seen.windows(2).map(|pair| (pair[0].0, pair[1].1)).collect();
-    assert!(acted.windows(sent.len()).any(|window| *window == sent[..]), "what was sent is what acted");
-    let bits_of = |codes: &mut dyn Iterator<Item = u32>| codes.fold((0, u32::MAX), |(any, all), code| (any | code, all & code));
+    assert!(
+        acted.windows(sent.len()).any(|window| *window == sent[..]),
+        "what was sent is what acted"
+    );
+    let bits_of = |codes: &mut dyn Iterator<Item = u32>| {
+        codes.fold((0, u32::MAX), |(any, all), code| (any | code, all & code))
+    };
     for (bits, (any, all)) in [
-        (adc_bits, bits_of(&mut sent.iter().map(|(adc, _)| adc.steps()))),
-        (dac_bits, bits_of(&mut sent.iter().map(|(_, dac)| dac.steps()))),
+        (
+            adc_bits,
+            bits_of(&mut sent.iter().map(|(adc, _)| adc.steps())),
+        ),
+        (
+            dac_bits,
+            bits_of(&mut sent.iter().map(|(_, dac)| dac.steps())),
+        ),
     ] {
         let low = (1 << (bits - 1)) - 1;
-        assert_eq!((any & low, all & low), (low, 0), "no bit of {bits} stands still: {any:#x} {all:#x}");
+        assert_eq!(
+            (any & low, all & low),
+            (low, 0),
+            "no bit of {bits} stands still: {any:#x} {all:#x}"
+        );
     }
-    println!("{adc_bits} and {dac_bits} bits: {} ticks to the last bit", target.len());
+    println!(
+        "{adc_bits} and {dac_bits} bits: {} ticks to the last bit",
+        target.len()
+    );
 }
 
 #[test]
@@ -96,7 +150,17 @@ fn both_of_20_bits() {
 
 #[test]
 fn a_sensor_whose_frames_no_converter_has_is_refused() {
-    let script = Script { block: Some(block(&parameters(&bench(17, 20)))), ..Script::listening(220 * MILLISECOND) };
+    let script = Script {
+        block: Some(block(&parameters(&bench(17, 20)))),
+        ..Script::listening(220 * MILLISECOND)
+    };
     let outcome = run(&image(), NucleoBoard::new().expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("block A refused: integers contradict the physical limits").count(), 1, "{:?}", outcome.messages);
+    assert_eq!(
+        outcome
+            .texts_with("block A refused: integers contradict the physical limits")
+            .count(),
+        1,
+        "{:?}",
+        outcome.messages
+    );
 }

@@ -11,7 +11,10 @@ use crate::device::{Device, View};
 
 impl<D: Device + 'static> Session<D> {
     pub(super) fn converters(&self, view: &View) -> ConverterParameters {
-        ConverterParameters { adc_zero: view.adc_zero, ..self.parameters.servo.converters }
+        ConverterParameters {
+            adc_zero: view.adc_zero,
+            ..self.parameters.servo.converters
+        }
     }
 
     pub(super) fn position_now(&self, view: &View) -> i32 {
@@ -24,13 +27,18 @@ impl<D: Device + 'static> Session<D> {
         if self.runs() {
             return view.reference;
         }
-        view.reference.max(self.from.min(self.target)).min(self.from.max(self.target))
+        view.reference
+            .max(self.from.min(self.target))
+            .min(self.from.max(self.target))
     }
 
     /// The lowest and highest position that the sensor can honestly give, um with 24 fraction bits.
     pub(super) fn range(&self, view: &View) -> (i32, i32) {
         let (c, guard) = (self.converters(view), &self.parameters.guard);
-        (c.position(guard.adc_code_min), c.position(guard.adc_code_max))
+        (
+            c.position(guard.adc_code_min),
+            c.position(guard.adc_code_max),
+        )
     }
 
     pub(super) fn is_within_range(&self, position: i32) -> bool {
@@ -40,7 +48,9 @@ impl<D: Device + 'static> Session<D> {
 
     /// Whether a drive, V with 22 fraction bits, is within the limits of the block.
     pub(super) fn is_drive(&self, drive: i32) -> bool {
-        let limit = |millivolts: i32| to_fixed(i64::from(millivolts) * 1_000_000, VOLT_FRACTION_BITS).unwrap_or(0);
+        let limit = |millivolts: i32| {
+            to_fixed(i64::from(millivolts) * 1_000_000, VOLT_FRACTION_BITS).unwrap_or(0)
+        };
         let physical = &self.parameters.physical;
         (limit(physical.drive_min_mv)..=limit(physical.drive_max_mv)).contains(&drive)
     }
@@ -63,7 +73,9 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn moves(&self) -> bool {
         let view = self.device.view();
         let under_way = self.moving_until.is_some_and(|until| view.tick < until);
-        self.runs() || !self.is_ready() || (under_way && matches!(view.mode, Mode::Closed | Mode::Playing))
+        self.runs()
+            || !self.is_ready()
+            || (under_way && matches!(view.mode, Mode::Closed | Mode::Playing))
     }
 
     /// Not while a conditioning or an identification is played.

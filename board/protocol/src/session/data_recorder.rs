@@ -17,7 +17,11 @@ impl<D: Device + 'static> Session<D> {
     /// A table of the data recorder named by a word, from 0.
     pub(super) fn record_table(&self, words: &mut Words<'_>) -> Result<usize, ErrorCode> {
         let table = words.whole()?;
-        if (1..=MOST_COLUMNS as u32).contains(&table) { Ok(table as usize - 1) } else { Err(ErrorCode::RecorderTable) }
+        if (1..=MOST_COLUMNS as u32).contains(&table) {
+            Ok(table as usize - 1)
+        } else {
+            Err(ErrorCode::RecorderTable)
+        }
     }
 
     pub(super) fn set_recorder(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -42,7 +46,11 @@ impl<D: Device + 'static> Session<D> {
     }
 
     /// Says something of the tables that are asked for, or of all.
-    pub(super) fn say_tables(&mut self, words: &mut Words<'_>, what: impl Fn(&Self, usize) -> (u32, Option<u32>)) -> Result<(), ErrorCode> {
+    pub(super) fn say_tables(
+        &mut self,
+        words: &mut Words<'_>,
+        what: impl Fn(&Self, usize) -> (u32, Option<u32>),
+    ) -> Result<(), ErrorCode> {
         let all = !words.more();
         for nth in 0..MOST_COLUMNS {
             let table = if all { nth } else { self.record_table(words)? };
@@ -59,7 +67,12 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn recorder(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        self.say_tables(words, |this, table| (1, this.quantities.get(table).map(|quantity| *quantity as u32)))
+        self.say_tables(words, |this, table| {
+            (
+                1,
+                this.quantities.get(table).map(|quantity| *quantity as u32),
+            )
+        })
     }
 
     pub(super) fn recorded_points(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -118,10 +131,21 @@ impl<D: Device + 'static> Session<D> {
     }
 
     /// `[<start> <number> [{<table>}]]`; without anything, no table and no point yet.
-    pub(super) fn read_array(&self, words: &mut Words<'_>, most_tables: usize, every_ticks: u32) -> Result<DataArray, ErrorCode> {
+    pub(super) fn read_array(
+        &self,
+        words: &mut Words<'_>,
+        most_tables: usize,
+        every_ticks: u32,
+    ) -> Result<DataArray, ErrorCode> {
         let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
         let sample_time = i64::from(every_ticks) * ONE / rate;
-        let mut array = DataArray { tables: Vec::new(), first: 0, count: 0, sample_time, sent: 0 };
+        let mut array = DataArray {
+            tables: Vec::new(),
+            first: 0,
+            count: 0,
+            sample_time,
+            sent: 0,
+        };
         if words.more() {
             array.first = words.whole()?.checked_sub(1).ok_or(ErrorCode::Range)?;
             array.count = words.whole()?;
@@ -131,7 +155,10 @@ impl<D: Device + 'static> Session<D> {
             if !(1..=most_tables as u32).contains(&table) {
                 return Err(ErrorCode::RecorderTable);
             }
-            array.tables.push(table as u8).map_err(|_| ErrorCode::ParameterCount)?;
+            array
+                .tables
+                .push(table as u8)
+                .map_err(|_| ErrorCode::ParameterCount)?;
         }
         Ok(array)
     }
@@ -140,7 +167,10 @@ impl<D: Device + 'static> Session<D> {
         let asked = words.more();
         let mut array = self.read_array(words, MOST_COLUMNS, self.record_every)?;
         if array.tables.is_empty() {
-            for (nth, _) in (1u8..).zip(&self.quantities).filter(|(_, quantity)| **quantity != Quantity::Nothing) {
+            for (nth, _) in (1u8..)
+                .zip(&self.quantities)
+                .filter(|(_, quantity)| **quantity != Quantity::Nothing)
+            {
                 let _ = array.tables.push(nth);
             }
         }
@@ -148,7 +178,10 @@ impl<D: Device + 'static> Session<D> {
         if !asked {
             array.count = recorded;
         }
-        if array.count == 0 || array.tables.is_empty() || array.first.saturating_add(array.count) > recorded {
+        if array.count == 0
+            || array.tables.is_empty()
+            || array.first.saturating_add(array.count) > recorded
+        {
             return Err(ErrorCode::NotEnoughRecorded);
         }
         self.device.end_recording();
@@ -159,8 +192,14 @@ impl<D: Device + 'static> Session<D> {
     /// `[<first> <number>]`: what was recorded, as codes.
     pub(super) fn recorded_codes(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let recorded = self.device.recorded();
-        let (first, count) =
-            if words.more() { (words.whole()?.checked_sub(1).ok_or(ErrorCode::Range)?, words.whole()?) } else { (0, recorded) };
+        let (first, count) = if words.more() {
+            (
+                words.whole()?.checked_sub(1).ok_or(ErrorCode::Range)?,
+                words.whole()?,
+            )
+        } else {
+            (0, recorded)
+        };
         words.end()?;
         if count == 0 || first.saturating_add(count) > recorded {
             return Err(ErrorCode::NotEnoughRecorded);
@@ -175,8 +214,13 @@ impl<D: Device + 'static> Session<D> {
         let here = count.min(SAMPLES_IN_LINE);
         let samples = (first..first.saturating_add(here)).map_while(|nth| self.device.sample(nth));
         let ends = if count > here { " \n" } else { "\n" };
-        let written = write_line(samples, piece).ok_or(core::fmt::Error).and_then(|()| piece.write_str(ends));
-        let rest = Pending::Codes { first: first.saturating_add(here), count: count - here };
+        let written = write_line(samples, piece)
+            .ok_or(core::fmt::Error)
+            .and_then(|()| piece.write_str(ends));
+        let rest = Pending::Codes {
+            first: first.saturating_add(here),
+            count: count - here,
+        };
         self.sent(written, if count > here { rest } else { Pending::Nothing })
     }
 
@@ -185,16 +229,23 @@ impl<D: Device + 'static> Session<D> {
         let sample: TraceSample = self.device.sample(nth)?;
         let c = self.converters(&self.device.view());
         Some(match quantity {
-            Quantity::Nothing => Decimal { billionths: 0, digits: 6 },
+            Quantity::Nothing => Decimal {
+                billionths: 0,
+                digits: 6,
+            },
             Quantity::Target => micrometres(sample.reference),
             Quantity::Position => micrometres(c.position(sample.adc_code)),
-            Quantity::Error => micrometres(sample.reference.saturating_sub(c.position(sample.adc_code))),
+            Quantity::Error => {
+                micrometres(sample.reference.saturating_sub(c.position(sample.adc_code)))
+            }
             Quantity::Voltage => volts(c.drive(sample.dac_code)),
         })
     }
 
     pub(super) fn recorded_name(&self, table: u8) -> &'static str {
-        let quantity = usize::from(table).checked_sub(1).and_then(|table| self.quantities.get(table));
+        let quantity = usize::from(table)
+            .checked_sub(1)
+            .and_then(|table| self.quantities.get(table));
         match quantity {
             Some(Quantity::Target) => "Target position of axis AXIS:1",
             Some(Quantity::Position) => "Actual position of axis AXIS:1",

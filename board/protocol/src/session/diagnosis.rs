@@ -12,7 +12,11 @@ const BAUD: core::ops::RangeInclusive<u32> = 9_600..=2_000_000;
 impl<D: Device + 'static> Session<D> {
     /// The values in the order of [`help::DIAGNOSIS`].
     fn diagnosis_values(&self) -> [u64; help::DIAGNOSIS.len()] {
-        let (view, counts, figures) = (self.device.view(), self.device.diagnosis(), self.device.loop_figures());
+        let (view, counts, figures) = (
+            self.device.view(),
+            self.device.diagnosis(),
+            self.device.loop_figures(),
+        );
         [
             view.mode as u64,
             view.fault.map_or(0, |fault| fault as u64),
@@ -42,7 +46,10 @@ impl<D: Device + 'static> Session<D> {
         }
         while words.more() {
             let nth = words.whole()?;
-            let value = nth.checked_sub(1).and_then(|nth| values.get(nth as usize)).ok_or(ErrorCode::UnknownParameter)?;
+            let value = nth
+                .checked_sub(1)
+                .and_then(|nth| values.get(nth as usize))
+                .ok_or(ErrorCode::UnknownParameter)?;
             self.say(format_args!("{nth}={value}"))?;
         }
         Ok(())

@@ -27,7 +27,9 @@ const PASSWORD: u32 = 100;
 /// Gives an item of a filter another value, mHz.
 pub(super) fn change_filter(filter: &mut FilterSetting, item: FilterItem, millihertz: u32) {
     match item {
-        FilterItem::NotchFrequency(nth) => filter.notches[nth & 1].frequency_millihertz = millihertz,
+        FilterItem::NotchFrequency(nth) => {
+            filter.notches[nth & 1].frequency_millihertz = millihertz
+        }
         FilterItem::NotchWidth(nth) => filter.notches[nth & 1].width_millihertz = millihertz,
         FilterItem::LowPass => filter.low_pass_millihertz = millihertz,
     }
@@ -51,7 +53,8 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn tune_filters(&mut self, new: [FilterSetting; 2]) -> Result<(), ErrorCode> {
         let mut left = 0;
         for (nth, (signal, place)) in ALL.iter().enumerate() {
-            let row = |of: &[FilterSetting; 2]| of[*signal as usize].row(*place, self.sample_rate_hz());
+            let row =
+                |of: &[FilterSetting; 2]| of[*signal as usize].row(*place, self.sample_rate_hz());
             let changed = row(&new).map_err(|_| ErrorCode::Range)?;
             if row(&self.filters) != Ok(changed) {
                 left |= 1 << nth;
@@ -70,8 +73,14 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn next_filter(&mut self, left: u8, new: [FilterSetting; 2]) -> Step {
         let section = ALL.get(left.trailing_zeros() as usize);
         let command = section.and_then(|(signal, place)| {
-            let row = new[*signal as usize].row(*place, self.sample_rate_hz()).ok()?;
-            Some(Command::Filter { signal: *signal, place: *place, row })
+            let row = new[*signal as usize]
+                .row(*place, self.sample_rate_hz())
+                .ok()?;
+            Some(Command::Filter {
+                signal: *signal,
+                place: *place,
+                row,
+            })
         });
         match command {
             Some(command) => {
@@ -92,8 +101,15 @@ impl<D: Device + 'static> Session<D> {
 
     /// Begins with what was kept for this stage. The amplifier has its filters already.
     pub(super) fn take_kept_settings(&mut self) {
-        let Some(kept) = self.device.kept_settings().filter(|kept| kept.stage == self.parameters.physical.name) else { return };
-        (self.velocity, self.tolerance, self.settling_ticks) = (kept.velocity, kept.tolerance, kept.settling_ticks);
+        let Some(kept) = self
+            .device
+            .kept_settings()
+            .filter(|kept| kept.stage == self.parameters.physical.name)
+        else {
+            return;
+        };
+        (self.velocity, self.tolerance, self.settling_ticks) =
+            (kept.velocity, kept.tolerance, kept.settling_ticks);
         self.filters = kept.filters;
         self.device.set_host_timeout(kept.host_timeout_ticks);
         // It was listened to before, at this sampling rate.
@@ -116,6 +132,8 @@ impl<D: Device + 'static> Session<D> {
             watch: self.device.resonance_watch(),
             filters: self.filters,
         };
-        self.device.keep_settings(&settings).map_err(|Moving| ErrorCode::InMotion)
+        self.device
+            .keep_settings(&settings)
+            .map_err(|Moving| ErrorCode::InMotion)
     }
 }

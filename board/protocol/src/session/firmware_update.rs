@@ -36,7 +36,8 @@ impl<D: Device + 'static> Session<D> {
             }
             "DATA" | "data" => {
                 let offset = words.whole()?;
-                let piece = BlockPiece::parse(offset, words.word()?).map_err(|_| ErrorCode::Syntax)?;
+                let piece =
+                    BlockPiece::parse(offset, words.word()?).map_err(|_| ErrorCode::Syntax)?;
                 words.end()?;
                 self.pending = Pending::Update(UpdateStep::Take(piece));
                 Ok(())
@@ -74,8 +75,15 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn update(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
         if let Some(image) = self.device.image() {
-            let (board, front_end, version) = (text(&image.board), text(&image.front_end), text(&image.version));
-            self.say(format_args!("IMAGE={board} {front_end} {} {version}", image.sample_rate_hz))?;
+            let (board, front_end, version) = (
+                text(&image.board),
+                text(&image.front_end),
+                text(&image.version),
+            );
+            self.say(format_args!(
+                "IMAGE={board} {front_end} {} {version}",
+                image.sample_rate_hz
+            ))?;
         }
         match self.device.update() {
             UpdateState::Unsupported => self.say(format_args!("STATE=UNSUPPORTED")),

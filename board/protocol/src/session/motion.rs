@@ -18,7 +18,11 @@ const LONGEST_MOVE_TICKS: i64 = 1 << 24;
 
 impl<D: Device + 'static> Session<D> {
     pub(super) fn command(&mut self, first: Command, then: Option<Command>, meaning: Meaning) {
-        self.pending = Pending::Commands { first, then, meaning };
+        self.pending = Pending::Commands {
+            first,
+            then,
+            meaning,
+        };
     }
 
     /// Starts the recorder where a command that changes the target does so.
@@ -49,10 +53,28 @@ impl<D: Device + 'static> Session<D> {
         match view.mode {
             Mode::Closed => {
                 let here = self.reference_now(&view);
-                let stay = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_bits(here) };
-                self.command(stay, None, Meaning::Move { from: here, target: here, ticks: 0 });
+                let stay = Command::Reference {
+                    waveform: Waveform::Constant,
+                    offset: Micrometres::from_bits(here),
+                };
+                self.command(
+                    stay,
+                    None,
+                    Meaning::Move {
+                        from: here,
+                        target: here,
+                        ticks: 0,
+                    },
+                );
             }
-            Mode::Playing => self.command(Command::Hold { drive: None }, None, Meaning::Drive { drive: None, ticks: 0 }),
+            Mode::Playing => self.command(
+                Command::Hold { drive: None },
+                None,
+                Meaning::Drive {
+                    drive: None,
+                    ticks: 0,
+                },
+            ),
             Mode::Rest | Mode::Fault => {}
         }
     }
@@ -64,12 +86,30 @@ impl<D: Device + 'static> Session<D> {
             (true, false) => {
                 let (lowest, highest) = self.range(&view);
                 let here = self.position_now(&view).max(lowest).min(highest);
-                let stay = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_bits(here) };
-                self.command(stay, Some(Command::Enable), Meaning::Move { from: here, target: here, ticks: 0 });
+                let stay = Command::Reference {
+                    waveform: Waveform::Constant,
+                    offset: Micrometres::from_bits(here),
+                };
+                self.command(
+                    stay,
+                    Some(Command::Enable),
+                    Meaning::Move {
+                        from: here,
+                        target: here,
+                        ticks: 0,
+                    },
+                );
             }
             (false, true) => {
                 let drive = self.parameters.servo.converters.drive(view.dac_code);
-                self.command(Command::Hold { drive: None }, None, Meaning::Drive { drive: Some(drive), ticks: 0 });
+                self.command(
+                    Command::Hold { drive: None },
+                    None,
+                    Meaning::Drive {
+                        drive: Some(drive),
+                        ticks: 0,
+                    },
+                );
             }
             _ => {}
         }
@@ -83,7 +123,10 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn move_by(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let distance = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
-        self.go(self.target.checked_add(distance).ok_or(ErrorCode::Position)?)
+        self.go(self
+            .target
+            .checked_add(distance)
+            .ok_or(ErrorCode::Position)?)
     }
 
     pub(super) fn go(&mut self, target: i32) -> Result<(), ErrorCode> {
@@ -96,15 +139,36 @@ impl<D: Device + 'static> Session<D> {
         if !self.is_within_range(target) {
             return Err(ErrorCode::Position);
         }
-        let from = if self.moves() { self.reference_now(&self.device.view()) } else { self.target };
+        let from = if self.moves() {
+            self.reference_now(&self.device.view())
+        } else {
+            self.target
+        };
         let height = target.checked_sub(from).ok_or(ErrorCode::Position)?;
         // The quintic is 15/8 as fast as its mean at its middle.
         let rate = i64::from(self.parameters.physical.sample_rate_hz);
-        let ticks = (i64::from(height).abs() * 15 * rate / 8).checked_div(self.velocity).unwrap_or(LONGEST_MOVE_TICKS);
+        let ticks = (i64::from(height).abs() * 15 * rate / 8)
+            .checked_div(self.velocity)
+            .unwrap_or(LONGEST_MOVE_TICKS);
         let ticks = ticks.clamp(1, LONGEST_MOVE_TICKS) as u32;
-        let waveform = Waveform::QuasiStep { height: Micrometres::from_bits(height), delay_ticks: 0, duration_ticks: ticks };
+        let waveform = Waveform::QuasiStep {
+            height: Micrometres::from_bits(height),
+            delay_ticks: 0,
+            duration_ticks: ticks,
+        };
         self.begin_motion();
-        self.command(Command::Reference { waveform, offset: Micrometres::from_bits(from) }, None, Meaning::Move { from, target, ticks });
+        self.command(
+            Command::Reference {
+                waveform,
+                offset: Micrometres::from_bits(from),
+            },
+            None,
+            Meaning::Move {
+                from,
+                target,
+                ticks,
+            },
+        );
         Ok(())
     }
 
@@ -122,8 +186,17 @@ impl<D: Device + 'static> Session<D> {
         let codes = (distance.abs() * i64::from(c.dac_codes_per_volt)) >> 42;
         let ticks = codes / i64::from(self.parameters.guard.ramp_codes.max(1)) + 1;
         self.begin_motion();
-        let meaning = Meaning::Drive { drive: Some(drive), ticks: ticks.min(LONGEST_MOVE_TICKS) as u32 };
-        self.command(Command::Hold { drive: Some(Volts::from_bits(drive)) }, None, meaning);
+        let meaning = Meaning::Drive {
+            drive: Some(drive),
+            ticks: ticks.min(LONGEST_MOVE_TICKS) as u32,
+        };
+        self.command(
+            Command::Hold {
+                drive: Some(Volts::from_bits(drive)),
+            },
+            None,
+            meaning,
+        );
         Ok(())
     }
 
@@ -135,13 +208,16 @@ impl<D: Device + 'static> Session<D> {
     /// Takes a velocity in billionths of um/s: up to the whole span in a tick.
     pub(super) fn take_velocity(&mut self, billionths: i64) -> Result<(), ErrorCode> {
         let physical = &self.parameters.physical;
-        let most = i64::from(physical.sensor_span_nm).saturating_mul(1_000_000).saturating_mul(i64::from(physical.sample_rate_hz));
+        let most = i64::from(physical.sensor_span_nm)
+            .saturating_mul(1_000_000)
+            .saturating_mul(i64::from(physical.sample_rate_hz));
         if billionths <= 0 || billionths > most {
             return Err(ErrorCode::Velocity);
         }
         // Whole um/s and the rest apart, so that both have room.
         let (whole, part) = (billionths / ONE, billionths % ONE);
-        self.velocity = (whole << MICROMETRE_FRACTION_BITS) + (part << MICROMETRE_FRACTION_BITS) / ONE;
+        self.velocity =
+            (whole << MICROMETRE_FRACTION_BITS) + (part << MICROMETRE_FRACTION_BITS) / ONE;
         Ok(())
     }
 
@@ -168,7 +244,11 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn require_conditioning(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let required = words.of_axis(Words::switch)?;
-        self.command(Command::RequireConditioning(required), None, Meaning::Nothing);
+        self.command(
+            Command::RequireConditioning(required),
+            None,
+            Meaning::Nothing,
+        );
         Ok(())
     }
 
@@ -180,7 +260,14 @@ impl<D: Device + 'static> Session<D> {
         let _ = words.optional();
         words.end()?;
         let rate = self.parameters.physical.sample_rate_hz;
-        self.command(Command::Condition { cycle_ticks: rate / CONDITIONING_HZ, rest_ticks: rate }, None, Meaning::Conditioning);
+        self.command(
+            Command::Condition {
+                cycle_ticks: rate / CONDITIONING_HZ,
+                rest_ticks: rate,
+            },
+            None,
+            Meaning::Conditioning,
+        );
         Ok(())
     }
 }

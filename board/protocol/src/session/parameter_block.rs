@@ -20,17 +20,24 @@ impl<D: Device + 'static> Session<D> {
             "BEGIN" | "begin" => {
                 let bytes = words.whole()?;
                 words.end()?;
-                self.device.begin_block(bytes).map_err(|_| ErrorCode::InvalidBlock)
+                self.device
+                    .begin_block(bytes)
+                    .map_err(|_| ErrorCode::InvalidBlock)
             }
             "DATA" | "data" => {
                 let offset = words.whole()?;
-                let piece = BlockPiece::parse(offset, words.word()?).map_err(|_| ErrorCode::Syntax)?;
+                let piece =
+                    BlockPiece::parse(offset, words.word()?).map_err(|_| ErrorCode::Syntax)?;
                 words.end()?;
-                self.device.take_block(&piece).map_err(|_| ErrorCode::InvalidBlock)
+                self.device
+                    .take_block(&piece)
+                    .map_err(|_| ErrorCode::InvalidBlock)
             }
             "COMMIT" | "commit" => {
                 words.end()?;
-                self.device.keep_block().map_err(|Moving| ErrorCode::InMotion)
+                self.device
+                    .keep_block()
+                    .map_err(|Moving| ErrorCode::InMotion)
             }
             "SWAP" | "swap" => {
                 words.end()?;
@@ -40,7 +47,9 @@ impl<D: Device + 'static> Session<D> {
             "ENVELOPE" | "envelope" => {
                 let fingerprint = words.whole()?;
                 words.end()?;
-                self.device.keep_envelope(fingerprint).map_err(|Moving| ErrorCode::InMotion)
+                self.device
+                    .keep_envelope(fingerprint)
+                    .map_err(|Moving| ErrorCode::InMotion)
             }
             _ => Err(ErrorCode::Syntax),
         }
@@ -49,18 +58,36 @@ impl<D: Device + 'static> Session<D> {
     /// Checksum, least and most drive, rest, slew and current of the envelope in force.
     pub(super) fn envelope(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
-        let Some(envelope) = self.device.envelope() else { return self.say(format_args!("NONE")) };
-        let volts = |code| Decimal { billionths: envelope.drive_uv(code) * 1_000, digits: 3 };
-        let (lowest, highest, rest) = (volts(envelope.drive_min), volts(envelope.drive_max), volts(envelope.safe_code));
+        let Some(envelope) = self.device.envelope() else {
+            return self.say(format_args!("NONE"));
+        };
+        let volts = |code| Decimal {
+            billionths: envelope.drive_uv(code) * 1_000,
+            digits: 3,
+        };
+        let (lowest, highest, rest) = (
+            volts(envelope.drive_min),
+            volts(envelope.drive_max),
+            volts(envelope.safe_code),
+        );
         self.say(format_args!("CHECKSUM={:#010x}", fingerprint(&envelope)))?;
         self.say(format_args!("DRIVE={lowest} {highest} V"))?;
         self.say(format_args!("REST={rest} V"))?;
         self.say(format_args!("SLEW={} V/s", envelope.slew_limit_v_s))?;
-        self.say(format_args!("CURRENT={} uA {} nF", envelope.current_ua, envelope.capacitance_nf))?;
-        self.say(format_args!("READ_BACK={}", u8::from(envelope.drive_reads_back)))?;
+        self.say(format_args!(
+            "CURRENT={} uA {} nF",
+            envelope.current_ua, envelope.capacitance_nf
+        ))?;
+        self.say(format_args!(
+            "READ_BACK={}",
+            u8::from(envelope.drive_reads_back)
+        ))?;
         match envelope.monitor_span_uv {
             0 => self.say(format_args!("MONITOR=NONE")),
-            _ => self.say(format_args!("MONITOR={} mV {} us", envelope.monitor_tolerance_mv, envelope.monitor_lag_us)),
+            _ => self.say(format_args!(
+                "MONITOR={} mV {} us",
+                envelope.monitor_tolerance_mv, envelope.monitor_lag_us
+            )),
         }
     }
 
@@ -68,8 +95,17 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn next_event(&mut self, nth: u32, piece: &mut Piece) -> Step {
         let written = match self.device.event(nth) {
             Some(DeviceEvent { start, tick, fault }) => {
-                let end = if self.device.event(nth + 1).is_some() { " " } else { "" };
-                writeln!(piece, "START={start} TICK={tick} FAULT={} {}{end}", fault as u8, fault.name())
+                let end = if self.device.event(nth + 1).is_some() {
+                    " "
+                } else {
+                    ""
+                };
+                writeln!(
+                    piece,
+                    "START={start} TICK={tick} FAULT={} {}{end}",
+                    fault as u8,
+                    fault.name()
+                )
             }
             None if nth == 0 => writeln!(piece, "NONE"),
             None => return Step::Done,
@@ -100,7 +136,14 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn clear_fault(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.queried_axis()?;
-        self.command(Command::Clear, None, Meaning::Drive { drive: None, ticks: 0 });
+        self.command(
+            Command::Clear,
+            None,
+            Meaning::Drive {
+                drive: None,
+                ticks: 0,
+            },
+        );
         Ok(())
     }
 }

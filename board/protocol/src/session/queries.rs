@@ -14,8 +14,14 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn identification(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
         match self.device.image() {
-            Some(image) => self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", text(&image.version))),
-            None => self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", env!("CARGO_PKG_VERSION"))),
+            Some(image) => self.say(format_args!(
+                "(c)2026 Hysteron, HYSTERON, 0, {}",
+                text(&image.version)
+            )),
+            None => self.say(format_args!(
+                "(c)2026 Hysteron, HYSTERON, 0, {}",
+                env!("CARGO_PKG_VERSION")
+            )),
         }
     }
 
@@ -26,7 +32,10 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn version(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
-        self.say(format_args!("FW_CORE: Hysteron {}", env!("CARGO_PKG_VERSION")))
+        self.say(format_args!(
+            "FW_CORE: Hysteron {}",
+            env!("CARGO_PKG_VERSION")
+        ))
     }
 
     pub(super) fn last_error(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -45,8 +54,14 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn stage(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let name = self.parameters.physical.name;
-        let end = name.iter().position(|byte| !byte.is_ascii_graphic()).unwrap_or(name.len());
-        let name = name.get(..end).and_then(|name| core::str::from_utf8(name).ok()).filter(|name| !name.is_empty());
+        let end = name
+            .iter()
+            .position(|byte| !byte.is_ascii_graphic())
+            .unwrap_or(name.len());
+        let name = name
+            .get(..end)
+            .and_then(|name| core::str::from_utf8(name).ok())
+            .filter(|name| !name.is_empty());
         self.say_axis(words, name.unwrap_or("NOSTAGE"))
     }
 
@@ -66,7 +81,11 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn voltage(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let drive = self.parameters.servo.converters.drive(self.device.view().dac_code);
+        let drive = self
+            .parameters
+            .servo
+            .converters
+            .drive(self.device.view().dac_code);
         self.say_axis(words, volts(drive))
     }
 
@@ -77,13 +96,16 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn on_target(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let view = self.device.view();
-        let reached = view.mode == Mode::Closed && !self.moves() && view.on_target_ticks >= self.settling_ticks;
+        let reached = view.mode == Mode::Closed
+            && !self.moves()
+            && view.on_target_ticks >= self.settling_ticks;
         self.say_axis(words, u8::from(reached))
     }
 
     pub(super) fn overflow(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let (view, c) = (self.device.view(), self.parameters.servo.converters);
-        let at_limit = view.mode == Mode::Closed && (view.dac_code <= c.dac_code_min || view.dac_code >= c.dac_code_max);
+        let at_limit = view.mode == Mode::Closed
+            && (view.dac_code <= c.dac_code_min || view.dac_code >= c.dac_code_max);
         self.say_axis(words, u8::from(at_limit))
     }
 
@@ -103,7 +125,10 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn velocity_value(&self) -> Decimal {
-        Decimal { billionths: from_wide(self.velocity, MICROMETRE_FRACTION_BITS), digits: 6 }
+        Decimal {
+            billionths: from_wide(self.velocity, MICROMETRE_FRACTION_BITS),
+            digits: 6,
+        }
     }
 
     pub(super) fn auto_zeroed(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

@@ -21,12 +21,18 @@ impl<D: Device + 'static> Session<D> {
     /// A wave table named by a word, from 0.
     pub(super) fn table(&self, words: &mut Words<'_>) -> Result<usize, ErrorCode> {
         let table = words.whole()?;
-        if (1..=WAVE_TABLES as u32).contains(&table) { Ok(table as usize - 1) } else { Err(ErrorCode::Range) }
+        if (1..=WAVE_TABLES as u32).contains(&table) {
+            Ok(table as usize - 1)
+        } else {
+            Err(ErrorCode::Range)
+        }
     }
 
     pub(super) fn points_of(&self, table: usize) -> &'static [AtomicI32] {
         let most = self.wave_points();
-        self.waves.get(table * most..(table + 1) * most).unwrap_or(&[])
+        self.waves
+            .get(table * most..(table + 1) * most)
+            .unwrap_or(&[])
     }
 
     /// Points for which a table has room.
@@ -46,7 +52,11 @@ impl<D: Device + 'static> Session<D> {
 
     /// Not while the table is played.
     pub(super) fn may_change(&self, table: usize) -> Result<(), ErrorCode> {
-        if self.runs() && self.wave_selected as usize == table + 1 { Err(ErrorCode::GeneratorRuns) } else { Ok(()) }
+        if self.runs() && self.wave_selected as usize == table + 1 {
+            Err(ErrorCode::GeneratorRuns)
+        } else {
+            Ok(())
+        }
     }
 
     pub(super) fn define_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -71,25 +81,51 @@ impl<D: Device + 'static> Session<D> {
         if at + segment.length as usize > self.wave_points() {
             return Err(ErrorCode::WaveTooLong);
         }
-        let end = segment.offset.checked_add(segment.amplitude).ok_or(ErrorCode::WaveLimit)?;
+        let end = segment
+            .offset
+            .checked_add(segment.amplitude)
+            .ok_or(ErrorCode::WaveLimit)?;
         let quantity = self.quantity_for(table, at);
         if !self.can_be_played(quantity, segment.offset) || !self.can_be_played(quantity, end) {
             return Err(ErrorCode::WaveLimit);
         }
         self.set_quantity(table, quantity);
-        self.pending = Pending::Build { table, at, segment, done: 0 };
+        self.pending = Pending::Build {
+            table,
+            at,
+            segment,
+            done: 0,
+        };
         Ok(())
     }
 
     /// Points from the line: their place in the segment, their number, and themselves.
-    pub(super) fn define_points(&mut self, table: usize, at: usize, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let missing = |error| if error == ErrorCode::Missing { ErrorCode::WaveParameters } else { error };
+    pub(super) fn define_points(
+        &mut self,
+        table: usize,
+        at: usize,
+        words: &mut Words<'_>,
+    ) -> Result<(), ErrorCode> {
+        let missing = |error| {
+            if error == ErrorCode::Missing {
+                ErrorCode::WaveParameters
+            } else {
+                error
+            }
+        };
         let first = words.whole().map_err(missing)? as usize;
         let count = words.whole().map_err(missing)? as usize;
         // The start point counts in the segment; behind `&` others count in the table, which is the same
         // place.
-        let begin = if at == 0 { first.checked_sub(1).ok_or(ErrorCode::WaveIndex)? } else { at };
-        let end = begin.checked_add(count).filter(|end| *end <= self.wave_points()).ok_or(ErrorCode::WaveTooLong)?;
+        let begin = if at == 0 {
+            first.checked_sub(1).ok_or(ErrorCode::WaveIndex)?
+        } else {
+            at
+        };
+        let end = begin
+            .checked_add(count)
+            .filter(|end| *end <= self.wave_points())
+            .ok_or(ErrorCode::WaveTooLong)?;
         let (mut given, quantity) = (words.clone(), self.quantity_for(table, begin));
         for _ in 0..count {
             let point = given.wave_point().map_err(missing)?;
@@ -118,15 +154,27 @@ impl<D: Device + 'static> Session<D> {
         if until == segment.length {
             self.set_length(table, at + segment.length as usize);
         } else {
-            self.pending = Pending::Build { table, at, segment, done: until };
+            self.pending = Pending::Build {
+                table,
+                at,
+                segment,
+                done: until,
+            };
         }
         Step::Work
     }
 
     pub(super) fn wave_length(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let all = !words.more();
-        let wanted = if all { 0..WAVE_TABLES } else { self.table(words).map(|table| table..table + 1)? };
-        if words.optional_whole()?.is_some_and(|parameter| parameter != 1) {
+        let wanted = if all {
+            0..WAVE_TABLES
+        } else {
+            self.table(words).map(|table| table..table + 1)?
+        };
+        if words
+            .optional_whole()?
+            .is_some_and(|parameter| parameter != 1)
+        {
             return Err(ErrorCode::Range);
         }
         words.end()?;
@@ -202,7 +250,14 @@ impl<D: Device + 'static> Session<D> {
                 if self.runs() && self.closed() {
                     self.stay();
                 } else if self.runs() {
-                    self.command(Command::Disable, None, Meaning::Drive { drive: None, ticks: 0 });
+                    self.command(
+                        Command::Disable,
+                        None,
+                        Meaning::Drive {
+                            drive: None,
+                            ticks: 0,
+                        },
+                    );
                 }
                 Ok(())
             }
@@ -213,14 +268,24 @@ impl<D: Device + 'static> Session<D> {
 
     /// Whether a point lies within the range of positions.
     fn is_position(&self, point: i32) -> bool {
-        point.checked_mul(1 << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS)).is_some_and(|position| self.is_within_range(position))
+        point
+            .checked_mul(1 << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS))
+            .is_some_and(|position| self.is_within_range(position))
     }
 
     /// What a table holds once points are written to it from `at` on: what it has already, or from its
     /// beginning on what the servo plays now.
     fn quantity_for(&self, table: usize, at: usize) -> WaveQuantity {
-        let has = self.wave_quantities.get(table).copied().filter(|_| at > 0 && self.length_of(table) > 0);
-        has.unwrap_or(if self.closed() { WaveQuantity::Position } else { WaveQuantity::Drive })
+        let has = self
+            .wave_quantities
+            .get(table)
+            .copied()
+            .filter(|_| at > 0 && self.length_of(table) > 0);
+        has.unwrap_or(if self.closed() {
+            WaveQuantity::Position
+        } else {
+            WaveQuantity::Drive
+        })
     }
 
     fn set_quantity(&mut self, table: usize, quantity: WaveQuantity) {
@@ -239,21 +304,30 @@ impl<D: Device + 'static> Session<D> {
 
     /// Plays positions with the servo on, and drives from rest with the servo off.
     fn start_generator(&mut self) -> Result<(), ErrorCode> {
-        let table = (self.wave_selected as usize).checked_sub(1).ok_or(ErrorCode::NoWaveSelected)?;
+        let table = (self.wave_selected as usize)
+            .checked_sub(1)
+            .ok_or(ErrorCode::NoWaveSelected)?;
         let length = self.length_of(table);
         let points = self.points_of(table).get(..length as usize).unwrap_or(&[]);
-        let last = points.last().ok_or(ErrorCode::WaveNotDefined)?.load(Ordering::Relaxed);
+        let last = points
+            .last()
+            .ok_or(ErrorCode::WaveNotDefined)?
+            .load(Ordering::Relaxed);
         let closed = self.closed();
         let quantity = self.quantity_for(table, 1);
         if (quantity == WaveQuantity::Position) != closed {
             return Err(ErrorCode::WaveLimit);
         }
-        let within = |point: &AtomicI32| self.can_be_played(quantity, point.load(Ordering::Relaxed));
+        let within =
+            |point: &AtomicI32| self.can_be_played(quantity, point.load(Ordering::Relaxed));
         if !points.iter().all(within) {
             return Err(ErrorCode::WaveLimit);
         }
         let all = u64::from(length) * u64::from(self.wave_rate) * u64::from(self.wave_cycles);
-        let ticks = u32::try_from(all).ok().filter(|ticks| *ticks < 1 << 31).ok_or(ErrorCode::Range)?;
+        let ticks = u32::try_from(all)
+            .ok()
+            .filter(|ticks| *ticks < 1 << 31)
+            .ok_or(ErrorCode::Range)?;
         if matches!(self.trigger, Trigger::Generator | Trigger::Target) {
             self.device.record_from_command(self.record_every);
         }
@@ -262,19 +336,37 @@ impl<D: Device + 'static> Session<D> {
             let last = last << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS);
             let waveform = Waveform::Table(self.as_played(points));
             self.command(
-                Command::Reference { waveform, offset: Micrometres::from_bits(0) },
+                Command::Reference {
+                    waveform,
+                    offset: Micrometres::from_bits(0),
+                },
                 None,
-                Meaning::Wave { last, ticks: ends_after },
+                Meaning::Wave {
+                    last,
+                    ticks: ends_after,
+                },
             );
         } else {
-            let (waveform, ticks) = (Waveform::Table(self.as_played(points)), ends_after.unwrap_or(u32::MAX));
-            self.command(Command::Play { waveform, offset: Volts::from_bits(0), ticks }, None, Meaning::DriveWave { ticks: ends_after });
+            let (waveform, ticks) = (
+                Waveform::Table(self.as_played(points)),
+                ends_after.unwrap_or(u32::MAX),
+            );
+            self.command(
+                Command::Play {
+                    waveform,
+                    offset: Volts::from_bits(0),
+                    ticks,
+                },
+                None,
+                Meaning::DriveWave { ticks: ends_after },
+            );
         }
         Ok(())
     }
 
     fn as_played<Q: Quantity>(&self, points: &'static [AtomicI32]) -> WaveTable<Q> {
-        WaveTable::new(points, self.wave_rate, self.wave_joined, self.wave_cycles).marking(self.trigger_point)
+        WaveTable::new(points, self.wave_rate, self.wave_joined, self.wave_cycles)
+            .marking(self.trigger_point)
     }
 
     /// One line and one point of it, which counts from the next start of the generator on.
@@ -317,11 +409,19 @@ impl<D: Device + 'static> Session<D> {
         let asked = words.more();
         let mut array = self.read_array(words, WAVE_TABLES, self.wave_rate)?;
         if array.tables.is_empty() {
-            for (nth, _) in (1u8..).zip(&self.wave_lengths).filter(|(_, length)| **length > 0) {
+            for (nth, _) in (1u8..)
+                .zip(&self.wave_lengths)
+                .filter(|(_, length)| **length > 0)
+            {
                 let _ = array.tables.push(nth);
             }
         }
-        let shortest = array.tables.iter().map(|table| self.length_of(usize::from(*table) - 1)).min().unwrap_or(0);
+        let shortest = array
+            .tables
+            .iter()
+            .map(|table| self.length_of(usize::from(*table) - 1))
+            .min()
+            .unwrap_or(0);
         if !asked {
             array.count = shortest;
         }
@@ -333,8 +433,13 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn wave_value(&self, table: u8, nth: u32) -> Option<Decimal> {
-        let point = self.points_of(usize::from(table).checked_sub(1)?).get(nth as usize)?;
-        Some(Decimal { billionths: from_fixed(point.load(Ordering::Relaxed), POINT_FRACTION_BITS), digits: 6 })
+        let point = self
+            .points_of(usize::from(table).checked_sub(1)?)
+            .get(nth as usize)?;
+        Some(Decimal {
+            billionths: from_fixed(point.load(Ordering::Relaxed), POINT_FRACTION_BITS),
+            digits: 6,
+        })
     }
 }
 
@@ -344,11 +449,34 @@ fn read_segment(shape: Shape, words: &mut Words<'_>) -> Result<Segment, ErrorCod
         let length = words.whole()?;
         let (amplitude, offset) = (words.wave_point()?, words.wave_point()?);
         let (curve_length, start) = (words.whole()?, words.whole()?);
-        let speed_up = if shape == Shape::Sine { 0 } else { words.whole()? };
-        let centre = if shape == Shape::Line { curve_length } else { words.whole()? };
-        Ok(Segment { shape, length, start, curve_length, centre, speed_up, amplitude, offset })
+        let speed_up = if shape == Shape::Sine {
+            0
+        } else {
+            words.whole()?
+        };
+        let centre = if shape == Shape::Line {
+            curve_length
+        } else {
+            words.whole()?
+        };
+        Ok(Segment {
+            shape,
+            length,
+            start,
+            curve_length,
+            centre,
+            speed_up,
+            amplitude,
+            offset,
+        })
     };
-    let segment = read().map_err(|error| if error == ErrorCode::Missing { ErrorCode::WaveParameters } else { error })?;
+    let segment = read().map_err(|error| {
+        if error == ErrorCode::Missing {
+            ErrorCode::WaveParameters
+        } else {
+            error
+        }
+    })?;
     words.end().map_err(|_| ErrorCode::WaveParameters)?;
     Ok(segment)
 }

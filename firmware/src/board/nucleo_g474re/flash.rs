@@ -50,9 +50,18 @@ async fn finished() -> Result<(), FlashError> {
     for _ in 0..MOST_WAITS {
         let status = FLASH.sr().read();
         if !status.bsy() {
-            let failed = status.operr() || status.progerr() || status.wrperr() || status.pgaerr() || status.sizerr() || status.pgserr();
+            let failed = status.operr()
+                || status.progerr()
+                || status.wrperr()
+                || status.pgaerr()
+                || status.sizerr()
+                || status.pgserr();
             forget_errors();
-            return if failed { Err("the flash refused it") } else { Ok(()) };
+            return if failed {
+                Err("the flash refused it")
+            } else {
+                Ok(())
+            };
         }
         task_clock::next().await;
     }
@@ -62,7 +71,9 @@ async fn finished() -> Result<(), FlashError> {
 /// Erases the page at `address` and writes `bytes` to its beginning.
 pub async fn write_page(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
     if !FLASH.optr().read().dbank() {
-        return Err("the option byte DBANK makes one bank of the flash: an erase would hold up the control interrupt");
+        return Err(
+            "the option byte DBANK makes one bank of the flash: an erase would hold up the control interrupt",
+        );
     }
     begin();
     let result = match erase(address).await {

@@ -17,7 +17,9 @@ use embassy_stm32::pac::{EXTI, FLASH, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS,
 use embassy_stm32::peripherals::LPUART1;
 use embassy_stm32::rcc::{Hse, HseMode, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError};
+use embassy_stm32::usart::{
+    BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError,
+};
 use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
 use hysteron_core::guard::Fault;
 
@@ -50,7 +52,14 @@ impl Platform for NucleoG474re {
     const SWAPS_HYSTERESIS: bool = false;
     type Converters = on_chip_converters::OnChipConverters;
     /// Arduino's A5, A4 and D9, and pins 2 and 4 of CN10.
-    const LINES: Lines = Lines { port: GPIOC, emergency_stop: 0, interlock: 1, amplifier_ready: 7, enable: 8, trigger: 6 };
+    const LINES: Lines = Lines {
+        port: GPIOC,
+        emergency_stop: 0,
+        interlock: 1,
+        amplifier_ready: 7,
+        enable: 8,
+        trigger: 6,
+    };
     const WATCHDOG: Iwdg = IWDG;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.
@@ -73,7 +82,10 @@ impl Platform for NucleoG474re {
     fn clock_tree() -> Config {
         let mut config = Config::default();
         let c = &mut config.rcc;
-        c.hse = Some(Hse { freq: Hertz(24_000_000), mode: HseMode::Oscillator });
+        c.hse = Some(Hse {
+            freq: Hertz(24_000_000),
+            mode: HseMode::Oscillator,
+        });
         c.hsi48 = None;
         c.pll = Some(Pll {
             source: PllSource::HSE,
@@ -107,7 +119,11 @@ impl Platform for NucleoG474re {
     fn reset_cause() -> ResetCause {
         let flags = RCC.csr().read();
         RCC.csr().modify(|w| w.set_rmvf(true));
-        ResetCause { watchdog: flags.iwdgrstf(), software: flags.sftrstf(), brown_out: false }
+        ResetCause {
+            watchdog: flags.iwdgrstf(),
+            software: flags.sftrstf(),
+            brown_out: false,
+        }
     }
 
     /// LPUART1 on PA2 (transmit) and PA3 (receive).
@@ -117,7 +133,15 @@ impl Platform for NucleoG474re {
         incoming: &'static mut [u8],
         config: SerialConfig,
     ) -> Result<BufferedUart<'static>, ConfigError> {
-        BufferedUart::new(peripherals.LPUART1, peripherals.PA3, peripherals.PA2, outgoing, incoming, Interrupts, config)
+        BufferedUart::new(
+            peripherals.LPUART1,
+            peripherals.PA3,
+            peripherals.PA2,
+            outgoing,
+            incoming,
+            Interrupts,
+            config,
+        )
     }
 
     fn switch_serial_port(on: bool) {

@@ -92,7 +92,9 @@ impl FrontEnd for OnChipConverters {
     }
 
     fn new(bits: CodeBits, _: Wiring) -> Self {
-        Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
+        Self {
+            shift: Self::BITS.dac.saturating_sub(bits.dac),
+        }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
@@ -109,7 +111,9 @@ impl FrontEnd for OnChipConverters {
             });
         }
 
-        ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+        ADC12_COMMON
+            .ccr()
+            .modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
         ADC1.cr().modify(|w| w.set_deeppwd(false));
         ADC1.cr().modify(|w| w.set_advregen(true));
         cortex_m::asm::delay(REGULATOR_US * CYCLES_PER_US);
@@ -120,7 +124,8 @@ impl FrontEnd for OnChipConverters {
         ADC1.isr().write(|w| w.set_adrdy(true));
         ADC1.cr().modify(|w| w.set_aden(true));
         wait_for(|| ADC1.isr().read().adrdy());
-        ADC1.smpr().modify(|w| w.set_smp(usize::from(SENSOR_CHANNEL), SampleTime::CYCLES12_5));
+        ADC1.smpr()
+            .modify(|w| w.set_smp(usize::from(SENSOR_CHANNEL), SampleTime::CYCLES12_5));
         ADC1.sqr1().write(|w| {
             w.set_l(0);
             w.set_sq(0, SENSOR_CHANNEL);

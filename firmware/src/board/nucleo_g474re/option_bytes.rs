@@ -41,6 +41,14 @@ pub async fn protect() -> Result<(), &'static str> {
         w.set_optlock(true);
         w.set_lock(true);
     });
-    let refused = waits == MOST_WAITS || status.wrperr() || status.pgserr() || status.operr() || status.optverr();
-    if !refused && protection() == 3 { Ok(()) } else { Err("the option bytes were not taken") }
+    let refused = waits == MOST_WAITS
+        || status.wrperr()
+        || status.pgserr()
+        || status.operr()
+        || status.optverr();
+    if !refused && protection() == 3 {
+        Ok(())
+    } else {
+        Err("the option bytes were not taken")
+    }
 }

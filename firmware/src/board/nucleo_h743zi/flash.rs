@@ -35,9 +35,17 @@ async fn finished() -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
     for turn in 0..TURNS + MOST_WAITS {
         if let Some(succeeded) = super::flash_end::succeeded(bank) {
-            return if succeeded { Ok(()) } else { Err("the flash refused it") };
+            return if succeeded {
+                Ok(())
+            } else {
+                Err("the flash refused it")
+            };
         }
-        if turn < TURNS { yield_now().await } else { task_clock::next().await }
+        if turn < TURNS {
+            yield_now().await
+        } else {
+            task_clock::next().await
+        }
     }
     Err("the flash does not answer")
 }

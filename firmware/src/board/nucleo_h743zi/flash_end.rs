@@ -8,7 +8,8 @@ pub fn succeeded(bank: Bank) -> Option<bool> {
     if status.qw() || status.bsy() {
         return None;
     }
-    let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
+    let failed =
+        status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
     bank.ccr().write(|w| {
         w.set_clr_eop(true);
         w.set_clr_wrperr(true);

@@ -19,9 +19,14 @@ use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
 use embassy_stm32::peripherals::USART3;
 use embassy_stm32::rcc::mux::{Adcsel, Saisel};
-use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
+    VoltageScale,
+};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError};
+use embassy_stm32::usart::{
+    BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError,
+};
 use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
 use hysteron_core::guard::Fault;
 
@@ -51,7 +56,14 @@ impl Platform for NucleoH743zi {
     type Converters = on_chip_converters::OnChipConverters;
     #[cfg(not(feature = "on-chip-converters"))]
     type Converters = spi_converters::SpiConverters;
-    const LINES: Lines = Lines { port: GPIOE, emergency_stop: 0, interlock: 12, amplifier_ready: 10, enable: 14, trigger: 15 };
+    const LINES: Lines = Lines {
+        port: GPIOE,
+        emergency_stop: 0,
+        interlock: 12,
+        amplifier_ready: 10,
+        enable: 14,
+        trigger: 15,
+    };
     const WATCHDOG: Iwdg = IWDG1;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
@@ -81,7 +93,10 @@ impl Platform for NucleoH743zi {
     fn clock_tree() -> Config {
         let mut config = Config::default();
         let c = &mut config.rcc;
-        c.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+        c.hse = Some(Hse {
+            freq: Hertz(8_000_000),
+            mode: HseMode::Bypass,
+        });
         c.pll1 = Some(Pll {
             source: PllSource::HSE,
             prediv: PllPreDiv::DIV1,
@@ -126,7 +141,11 @@ impl Platform for NucleoH743zi {
     fn reset_cause() -> ResetCause {
         let flags = RCC.rsr().read();
         RCC.rsr().modify(|w| w.set_rmvf(true));
-        ResetCause { watchdog: flags.iwdg1rstf(), software: flags.sftrstf(), brown_out: flags.borrstf() && !flags.porrstf() }
+        ResetCause {
+            watchdog: flags.iwdg1rstf(),
+            software: flags.sftrstf(),
+            brown_out: flags.borrstf() && !flags.porrstf(),
+        }
     }
 
     /// USART3 on PD8 (transmit) and PD9 (receive).
@@ -136,7 +155,15 @@ impl Platform for NucleoH743zi {
         incoming: &'static mut [u8],
         config: SerialConfig,
     ) -> Result<BufferedUart<'static>, ConfigError> {
-        BufferedUart::new(peripherals.USART3, peripherals.PD9, peripherals.PD8, outgoing, incoming, Interrupts, config)
+        BufferedUart::new(
+            peripherals.USART3,
+            peripherals.PD9,
+            peripherals.PD8,
+            outgoing,
+            incoming,
+            Interrupts,
+            config,
+        )
     }
 
     fn switch_serial_port(on: bool) {

@@ -46,7 +46,11 @@ fn enable_clocks() {
     RCC.ahb1enr().modify(|w| w.set_adc12en(true));
     RCC.apb1lenr().modify(|w| w.set_dac12en(true));
     RCC.ahb4enr().modify(|w| w.set_gpioaen(true));
-    let _ = (RCC.ahb1enr().read(), RCC.apb1lenr().read(), RCC.ahb4enr().read());
+    let _ = (
+        RCC.ahb1enr().read(),
+        RCC.apb1lenr().read(),
+        RCC.ahb4enr().read(),
+    );
     cortex_m::asm::dsb();
 }
 
@@ -72,7 +76,10 @@ impl FrontEnd for OnChipConverters {
     }
 
     fn new(bits: CodeBits, wiring: Wiring) -> Self {
-        Self { shift: Self::BITS.dac.saturating_sub(bits.dac), has_monitor: wiring.has_monitor }
+        Self {
+            shift: Self::BITS.dac.saturating_sub(bits.dac),
+            has_monitor: wiring.has_monitor,
+        }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
@@ -93,7 +100,9 @@ impl FrontEnd for OnChipConverters {
             });
         }
 
-        ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+        ADC12_COMMON
+            .ccr()
+            .modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
         ADC1.cr().modify(|w| w.set_deeppwd(false));
         ADC1.cr().modify(|w| {
             w.set_boost(Boost::LT25);
@@ -106,8 +115,10 @@ impl FrontEnd for OnChipConverters {
         ADC1.isr().write(|w| w.set_adrdy(true));
         ADC1.cr().modify(|w| w.set_aden(true));
         wait_for(|| ADC1.isr().read().adrdy());
-        ADC1.pcsel().modify(|w| w.set_pcsel(usize::from(SENSOR_CHANNEL), Pcsel::PRESELECTED));
-        ADC1.smpr(1).modify(|w| w.set_smp(usize::from(SENSOR_CHANNEL) - 10, SampleTime::CYCLES16_5));
+        ADC1.pcsel()
+            .modify(|w| w.set_pcsel(usize::from(SENSOR_CHANNEL), Pcsel::PRESELECTED));
+        ADC1.smpr(1)
+            .modify(|w| w.set_smp(usize::from(SENSOR_CHANNEL) - 10, SampleTime::CYCLES16_5));
         ADC1.sqr1().write(|w| {
             w.set_l(0);
             w.set_sq(0, SENSOR_CHANNEL);
@@ -139,7 +150,11 @@ impl FrontEnd for OnChipConverters {
 
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
-        if self.has_monitor { voltage_monitor::read() } else { None }
+        if self.has_monitor {
+            voltage_monitor::read()
+        } else {
+            None
+        }
     }
 
     fn force(&mut self, code: DriveCode) {

@@ -39,5 +39,9 @@ pub async fn protect() -> Result<(), &'static str> {
         waits += 1;
     }
     FLASH.optcr().modify(|w| w.set_optlock(true));
-    if protection() == 3 { Ok(()) } else { Err("the option bytes were not taken") }
+    if protection() == 3 {
+        Ok(())
+    } else {
+        Err("the option bytes were not taken")
+    }
 }

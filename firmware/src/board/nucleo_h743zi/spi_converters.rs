@@ -43,7 +43,13 @@ const CODE_MASK: u32 = 0xF_FFFF;
 const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
 /// LINCOMP in that register: the linearity is trimmed for the span of the references, up to each of these, mV
 /// (AD5791, table 13).
-const LINEARITY: [(u32, u32); 5] = [(10_000, 0b0000), (12_000, 0b1001), (16_000, 0b1010), (19_000, 0b1011), (20_000, 0b1100)];
+const LINEARITY: [(u32, u32); 5] = [
+    (10_000, 0b0000),
+    (12_000, 0b1001),
+    (16_000, 0b1010),
+    (19_000, 0b1011),
+    (20_000, 0b1100),
+];
 const LINEARITY_SHIFT: u32 = 6;
 /// Core cycles between frames, at least 100 ns: the DAC asks for 48 ns of SYNC high, and for 65 ns to LDAC.
 const SYNC_HIGH_CYCLES: u32 = 40;
@@ -78,13 +84,17 @@ pub struct SpiConverters {
 
 /// The control register for references that are so far apart.
 fn control_word(reference_span_mv: u32) -> u32 {
-    let trimmed = LINEARITY.iter().find(|(most, _)| reference_span_mv <= *most).map_or(0, |(_, bits)| *bits);
+    let trimmed = LINEARITY
+        .iter()
+        .find(|(most, _)| reference_span_mv <= *most)
+        .map_or(0, |(_, bits)| *bits);
     WRITE_CONTROL | trimmed << LINEARITY_SHIFT
 }
 
 fn alternate(port: Gpio, pin: usize, function: u8) {
     port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
-    port.ospeedr().modify(|w| w.set_ospeedr(pin, Ospeedr::VERY_HIGH_SPEED));
+    port.ospeedr()
+        .modify(|w| w.set_ospeedr(pin, Ospeedr::VERY_HIGH_SPEED));
     port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
 }
 
@@ -119,7 +129,11 @@ fn enable_clocks() {
         w.set_gpioben(true);
         w.set_gpiocen(true);
     });
-    let _ = (RCC.apb2enr().read(), RCC.apb1lenr().read(), RCC.ahb4enr().read());
+    let _ = (
+        RCC.apb2enr().read(),
+        RCC.apb1lenr().read(),
+        RCC.ahb4enr().read(),
+    );
     cortex_m::asm::dsb();
 }
 
@@ -219,7 +233,11 @@ impl SpiConverters {
     /// The word that has come; the interface gives a longer one by its whole register only.
     #[inline(always)]
     fn take_word(&self) -> u32 {
-        if self.adc_bits > 16 { SPI1.rxdr32().read() } else { SPI1.rxdr16().read().into() }
+        if self.adc_bits > 16 {
+            SPI1.rxdr32().read()
+        } else {
+            SPI1.rxdr16().read().into()
+        }
     }
 }
 
@@ -238,7 +256,11 @@ impl FrontEnd for SpiConverters {
         Self {
             adc_bits: bits.adc,
             shift: Self::BITS.dac.saturating_sub(bits.dac),
-            sign: if wiring.sensor_is_signed { 1 << (bits.adc - 1) } else { 0 },
+            sign: if wiring.sensor_is_signed {
+                1 << (bits.adc - 1)
+            } else {
+                0
+            },
             control: control_word(wiring.reference_span_mv),
             reads_back: wiring.drive_reads_back,
             asked: false,
@@ -266,7 +288,13 @@ impl FrontEnd for SpiConverters {
         for pin in [5, 6] {
             alternate(GPIOA, pin, 5);
         }
-        start_interface(SPI1, self.adc_bits, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE, Mbr::DIV2);
+        start_interface(
+            SPI1,
+            self.adc_bits,
+            Comm::FULL_DUPLEX,
+            Cpha::FIRST_EDGE,
+            Mbr::DIV2,
+        );
     }
 
     #[inline(always)]
@@ -298,7 +326,11 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
-        if self.has_monitor { voltage_monitor::read() } else { None }
+        if self.has_monitor {
+            voltage_monitor::read()
+        } else {
+            None
+        }
     }
 
     #[inline(always)]

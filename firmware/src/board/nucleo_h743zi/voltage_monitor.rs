@@ -54,8 +54,10 @@ pub fn start() {
     ADC3.isr().write(|w| w.set_adrdy(true));
     ADC3.cr().modify(|w| w.set_aden(true));
     wait_for(|| ADC3.isr().read().adrdy());
-    ADC3.pcsel().modify(|w| w.set_pcsel(usize::from(CHANNEL), Pcsel::PRESELECTED));
-    ADC3.smpr(1).modify(|w| w.set_smp(usize::from(CHANNEL) - 10, SampleTime::CYCLES64_5));
+    ADC3.pcsel()
+        .modify(|w| w.set_pcsel(usize::from(CHANNEL), Pcsel::PRESELECTED));
+    ADC3.smpr(1)
+        .modify(|w| w.set_smp(usize::from(CHANNEL) - 10, SampleTime::CYCLES64_5));
     ADC3.sqr1().write(|w| {
         w.set_l(0);
         w.set_sq(0, CHANNEL);

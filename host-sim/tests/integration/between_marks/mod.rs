@@ -13,10 +13,15 @@ pub fn replaced(text: &str, begin: &str, end: &str, table: &str) -> Option<Strin
 /// `cargo xtask readme` does.
 pub fn is_current(page: &Path, begin: &str, end: &str, table: &str) {
     let text = std::fs::read_to_string(page).unwrap();
-    let fresh = replaced(&text, begin, end, table).unwrap_or_else(|| panic!("{} has the marks around its table", page.display()));
+    let fresh = replaced(&text, begin, end, table)
+        .unwrap_or_else(|| panic!("{} has the marks around its table", page.display()));
     if std::env::var_os("HYSTERON_WRITE_README").is_some() {
         std::fs::write(page, fresh).unwrap();
     } else {
-        assert!(fresh == text, "{}: its table is stale; run `cargo xtask readme`", page.display());
+        assert!(
+            fresh == text,
+            "{}: its table is stale; run `cargo xtask readme`",
+            page.display()
+        );
     }
 }

@@ -7,7 +7,10 @@ use std::sync::mpsc::{TryRecvError, channel};
 
 /// Whether the board answers a line: a query, or a byte.
 fn is_answered(command: &str) -> bool {
-    command.split_ascii_whitespace().next().is_some_and(|mnemonic| mnemonic.ends_with('?'))
+    command
+        .split_ascii_whitespace()
+        .next()
+        .is_some_and(|mnemonic| mnemonic.ends_with('?'))
 }
 
 /// Sends commands one after the other, prints answers, and ends with 2 at the first that is refused.
@@ -26,10 +29,17 @@ pub fn send(commands: &[String], line: &LineArguments) -> Result<bool> {
 /// Passes lines on until what is typed ends.
 pub fn attach(line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
-    println!("{}; HLP? lists the commands, STP brings the drive to rest, the end of input ends", board.identification);
+    println!(
+        "{}; HLP? lists the commands, STP brings the drive to rest, the end of input ends",
+        board.identification
+    );
     let (typed, lines) = channel();
     std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines().map_while(std::io::Result::ok) {
+        for line in std::io::stdin()
+            .lock()
+            .lines()
+            .map_while(std::io::Result::ok)
+        {
             if typed.send(line).is_err() {
                 break;
             }
@@ -38,9 +48,13 @@ pub fn attach(line: &LineArguments) -> Result<bool> {
     loop {
         let came = board.receive().map_err(of_board)?;
         let mut out = std::io::stdout().lock();
-        out.write_all(&came).and_then(|()| out.flush()).map_err(|problem| Error::new("screen", problem))?;
+        out.write_all(&came)
+            .and_then(|()| out.flush())
+            .map_err(|problem| Error::new("screen", problem))?;
         match lines.try_recv() {
-            Ok(line) => board.send(format!("{line}\n").as_bytes()).map_err(of_board)?,
+            Ok(line) => board
+                .send(format!("{line}\n").as_bytes())
+                .map_err(of_board)?,
             Err(TryRecvError::Empty) => {}
             // What was asked last may still be on its way.
             Err(TryRecvError::Disconnected) if came.is_empty() => return Ok(true),

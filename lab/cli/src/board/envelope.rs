@@ -62,8 +62,14 @@ impl EnvelopeFile {
         let code = |steps: f64| DriveCode::new(steps.clamp(0.0, codes - 1.0) as u32);
         let lowest = code((share(self.drive_min_v) - 1e-6).ceil());
         let mut name = [0u8; 16];
-        name.iter_mut().zip(self.name.bytes()).for_each(|(to, from)| *to = from);
-        let monitor = |of: fn(&MonitorFile) -> f64| self.monitor.as_ref().map_or(0.0, |monitor| of(monitor).round());
+        name.iter_mut()
+            .zip(self.name.bytes())
+            .for_each(|(to, from)| *to = from);
+        let monitor = |of: fn(&MonitorFile) -> f64| {
+            self.monitor
+                .as_ref()
+                .map_or(0.0, |monitor| of(monitor).round())
+        };
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
             name,
@@ -86,7 +92,9 @@ impl EnvelopeFile {
             current_ua: (self.current_ma * 1e3).round() as u32,
             drive_reads_back: self.drive_reads_back,
             monitor_at_code_0_uv: monitor(|m| m.drive_at_lowest_code_v * 1e6) as i32,
-            monitor_span_uv: monitor(|m| (m.drive_beyond_highest_code_v - m.drive_at_lowest_code_v) * 1e6) as u32,
+            monitor_span_uv: monitor(|m| {
+                (m.drive_beyond_highest_code_v - m.drive_at_lowest_code_v) * 1e6
+            }) as u32,
             monitor_tolerance_mv: monitor(|m| m.tolerance_v * 1e3) as u16,
             monitor_lag_us: monitor(|m| m.lag_s * 1e6) as u32,
         }
@@ -95,7 +103,8 @@ impl EnvelopeFile {
 
 /// The envelope of a file as bytes, which the board would take.
 fn bytes_of(text: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
-    let file: EnvelopeFile = toml::from_str(text).map_err(|problem| wrong(path, problem.message()))?;
+    let file: EnvelopeFile =
+        toml::from_str(text).map_err(|problem| wrong(path, problem.message()))?;
     let envelope = file.envelope();
     let mut bytes = [0; ENVELOPE_BYTES];
     let length = write(&envelope, &mut bytes).map_err(|problem| wrong(path, problem.reason()))?;
@@ -106,7 +115,10 @@ fn bytes_of(text: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
 
 /// Says what the file allows and its checksum; brings it to the board only where that checksum is named.
 pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Result<bool> {
-    let bytes = Desk::new(false).bytes(file, "a safety envelope (firmware/README.md, *Safety envelope*)")?;
+    let bytes = Desk::new(false).bytes(
+        file,
+        "a safety envelope (firmware/README.md, *Safety envelope*)",
+    )?;
     let text = String::from_utf8(bytes).map_err(|_| wrong(file, "is not text"))?;
     let (envelope, bytes) = bytes_of(&text, file)?;
     let volts = |code| envelope.drive_uv(code) as f64 * 1e-6;
@@ -126,9 +138,16 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
     );
     println!(
         "  register of the drive's converter {}, output of the amplifier {}",
-        if envelope.drive_reads_back { "read back" } else { "not read back" },
+        if envelope.drive_reads_back {
+            "read back"
+        } else {
+            "not read back"
+        },
         if envelope.monitor_span_uv > 0 {
-            format!("watched to {:.3} V", 1e-3 * f64::from(envelope.monitor_tolerance_mv))
+            format!(
+                "watched to {:.3} V",
+                1e-3 * f64::from(envelope.monitor_tolerance_mv)
+            )
         } else {
             "not watched".into()
         }
@@ -141,7 +160,13 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
         }
         Some(named) if named.trim_start_matches("0x") == name => {
             let mut board = line.connect()?;
-            hysteron_client::upload::keep_envelope(&mut board, &bytes, fingerprint(&envelope), line.baud()).map_err(of_board)?;
+            hysteron_client::upload::keep_envelope(
+                &mut board,
+                &bytes,
+                fingerprint(&envelope),
+                line.baud(),
+            )
+            .map_err(of_board)?;
             println!("the board has it, and has restarted with it");
             Ok(true)
         }
@@ -177,11 +202,23 @@ mod tests {
     fn a_file_becomes_an_envelope_within_its_limits() {
         let (envelope, bytes) = bytes_of(FILE, Path::new("bench.toml")).expect("an envelope");
         assert_eq!(read(&bytes), Ok(envelope));
-        assert!(envelope.drive_uv(envelope.drive_min) >= -140 && envelope.drive_uv(envelope.drive_max) <= 20_000_000);
-        let wrong = |from: &str, to: &str| bytes_of(&FILE.replace(from, to), Path::new("bench.toml")).is_err();
-        assert!(wrong("drive_bits = 20", "drive_bits = 30") && wrong("drive_max_v = 20.0", "drive_max_v = -5.0"));
+        assert!(
+            envelope.drive_uv(envelope.drive_min) >= -140
+                && envelope.drive_uv(envelope.drive_max) <= 20_000_000
+        );
+        let wrong = |from: &str, to: &str| {
+            bytes_of(&FILE.replace(from, to), Path::new("bench.toml")).is_err()
+        };
+        assert!(
+            wrong("drive_bits = 20", "drive_bits = 30")
+                && wrong("drive_max_v = 20.0", "drive_max_v = -5.0")
+        );
         assert!(wrong("current_ma = 20.0", "current_ma = 0.0") && wrong("rest_v", "rset_v"));
-        assert_eq!((envelope.drive_reads_back, envelope.monitor_span_uv), (false, 0), "nothing is watched unless the file has it");
+        assert_eq!(
+            (envelope.drive_reads_back, envelope.monitor_span_uv),
+            (false, 0),
+            "nothing is watched unless the file has it"
+        );
     }
 
     #[test]
@@ -194,9 +231,18 @@ mod tests {
         };
         let (envelope, _) = with(-30.0, 0.5).expect("an envelope");
         assert!(envelope.drive_reads_back);
-        assert_eq!((envelope.monitor_at_code_0_uv, envelope.monitor_span_uv), (-30_000_000, 180_000_000));
-        assert_eq!((envelope.monitor_tolerance_mv, envelope.monitor_lag_us), (500, 2_000));
+        assert_eq!(
+            (envelope.monitor_at_code_0_uv, envelope.monitor_span_uv),
+            (-30_000_000, 180_000_000)
+        );
+        assert_eq!(
+            (envelope.monitor_tolerance_mv, envelope.monitor_lag_us),
+            (500, 2_000)
+        );
         assert!(with(0.0, 0.5).is_err(), "0 V would be an open cable");
-        assert!(with(-30.0, 1.5).is_err(), "the step of the self-test would not show a dead amplifier");
+        assert!(
+            with(-30.0, 1.5).is_err(),
+            "the step of the self-test would not show a dead amplifier"
+        );
     }
 }

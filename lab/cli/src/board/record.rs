@@ -13,7 +13,12 @@ use hysteron_client::scale::Scale;
 use std::path::Path;
 
 /// Conditions, plays, writes.
-pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force: bool) -> Result<bool> {
+pub fn record(
+    out: &Path,
+    wiring: &WiringArguments,
+    line: &LineArguments,
+    force: bool,
+) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
     if wiring.drive_max_v.is_some() {
@@ -22,9 +27,16 @@ pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force:
     // Their names do not depend on the limits.
     desk.folder_to_be(out, &names(&board_drives(0.0, 1.0)))?;
     let mut board = line.connect()?;
-    if Condition::ask(&mut board).map_err(of_board)?.without_block() {
+    if Condition::ask(&mut board)
+        .map_err(of_board)?
+        .without_block()
+    {
         let (low_v, high_v) = wiring.limits_v()?;
-        bring_wiring(&mut board, &block(&wiring_parameters(&front_end, low_v, high_v)?)?, line)?;
+        bring_wiring(
+            &mut board,
+            &block(&wiring_parameters(&front_end, low_v, high_v)?)?,
+            line,
+        )?;
     }
     let scale = Scale::ask(&mut board).map_err(of_board)?;
     let drives = board_drives(scale.drive_min_v, scale.drive_max_v);
@@ -33,7 +45,10 @@ pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force:
     board.condition().map_err(of_board)?;
     let records = play_all(&mut board, &drives)?;
     write(&desk, out, &scale, &drives, &records)?;
-    println!("next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml", as_argument(out));
+    println!(
+        "next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml",
+        as_argument(out)
+    );
     Ok(true)
 }
 
@@ -47,13 +62,22 @@ pub fn bring_wiring(board: &mut Board, block: &[u8], line: &LineArguments) -> Re
 /// Whether the board has room for the drives, and for what it records of them.
 pub fn require_room(scale: &Scale, drives: &[DriveOfRecord]) -> Result<()> {
     let (most_points, most_samples) = (scale.most_points, scale.most_samples);
-    match drives.iter().find(|drive| cycle_points(drive) > most_points || drive.drive_v.len() > most_samples) {
+    match drives
+        .iter()
+        .find(|drive| cycle_points(drive) > most_points || drive.drive_v.len() > most_samples)
+    {
         None => Ok(()),
         Some(drive) => {
             let (name, points, samples) = (&drive.name, cycle_points(drive), drive.drive_v.len());
-            let needed =
-                format!("{name} has {points} points and {samples} samples; the board has room for {most_points} and {most_samples}");
-            Err(Error::new("board", format!("{needed}. Record over the debug probe instead (`identify`, firmware/README.md)")))
+            let needed = format!(
+                "{name} has {points} points and {samples} samples; the board has room for {most_points} and {most_samples}"
+            );
+            Err(Error::new(
+                "board",
+                format!(
+                    "{needed}. Record over the debug probe instead (`identify`, firmware/README.md)"
+                ),
+            ))
         }
     }
 }
@@ -61,15 +85,28 @@ pub fn require_room(scale: &Scale, drives: &[DriveOfRecord]) -> Result<()> {
 /// Points of one cycle of a drive; one where it stays.
 fn cycle_points(drive: &DriveOfRecord) -> usize {
     let all = drive.drive_v.len();
-    if drive.drive_v.windows(2).all(|pair| pair.first() == pair.last()) {
+    if drive
+        .drive_v
+        .windows(2)
+        .all(|pair| pair.first() == pair.last())
+    {
         return 1;
     }
-    drive.period_s.map_or(all, |(period_s, _)| (period_s * drive.rate_hz).round() as usize).clamp(1, all.max(1))
+    drive
+        .period_s
+        .map_or(all, |(period_s, _)| {
+            (period_s * drive.rate_hz).round() as usize
+        })
+        .clamp(1, all.max(1))
 }
 
 /// The files of a recording.
 pub fn names(drives: &[DriveOfRecord]) -> Vec<String> {
-    drives.iter().map(|drive| format!("{}.csv", drive.name)).chain(["dataset.toml".to_string()]).collect()
+    drives
+        .iter()
+        .map(|drive| format!("{}.csv", drive.name))
+        .chain(["dataset.toml".to_string()])
+        .collect()
 }
 
 /// Plays the drives one after the other from rest.
@@ -79,7 +116,10 @@ pub fn play_all(board: &mut Board, drives: &[DriveOfRecord]) -> Result<Vec<Recor
     let mut records = Vec::with_capacity(drives.len());
     for drive in drives {
         let seconds = drive.drive_v.len() as f64 / drive.rate_hz;
-        println!("  {}: {seconds:.1} s at {:.0} Hz, {}", drive.name, drive.rate_hz, drive.role);
+        println!(
+            "  {}: {seconds:.1} s at {:.0} Hz, {}",
+            drive.name, drive.rate_hz, drive.role
+        );
         records.push(played(board, &scale, drive)?);
     }
     Ok(records)
@@ -87,23 +127,40 @@ pub fn play_all(board: &mut Board, drives: &[DriveOfRecord]) -> Result<Vec<Recor
 
 fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Recorded> {
     let ticks_per_point = (scale.sample_rate_hz / drive.rate_hz).round().max(1.0) as u32;
-    let Some(first) = drive.drive_v.first() else { return Ok(Recorded::default()) };
+    let Some(first) = drive.drive_v.first() else {
+        return Ok(Recorded::default());
+    };
     if drive.drive_v.iter().all(|v| v == first) {
         return listen(board, scale, ticks_per_point, drive.drive_v.len()).map_err(of_board);
     }
     let all = drive.drive_v.len();
     let points = cycle_points(drive);
     // A limit in a block is a code, not a volt: half a step may be missing.
-    let within = drive.drive_v.iter().take(points).map(|v| v.clamp(scale.drive_min_v + 1e-3, scale.drive_max_v - 1e-3));
-    let wave = Wave { points: within.collect(), ticks_per_point, cycles: (all / points) as u32 };
+    let within = drive
+        .drive_v
+        .iter()
+        .take(points)
+        .map(|v| v.clamp(scale.drive_min_v + 1e-3, scale.drive_max_v - 1e-3));
+    let wave = Wave {
+        points: within.collect(),
+        ticks_per_point,
+        cycles: (all / points) as u32,
+    };
     play(board, scale, &wave).map_err(of_board)
 }
 
 /// Time, drive and position as CSV with their units, and the reference where there is one.
 pub fn table(record: &Recorded, reference_um: Option<&[f64]>) -> String {
-    let mut text = String::from(if reference_um.is_some() { "t_s,u_v,y_um,reference_um\n" } else { "t_s,u_v,y_um\n" });
+    let mut text = String::from(if reference_um.is_some() {
+        "t_s,u_v,y_um,reference_um\n"
+    } else {
+        "t_s,u_v,y_um\n"
+    });
     for (k, (u, y)) in record.drive_v.iter().zip(&record.position_um).enumerate() {
-        text.push_str(&format!("{:.6},{u:.7},{y:.7}", k as f64 / record.sample_rate_hz));
+        text.push_str(&format!(
+            "{:.6},{u:.7},{y:.7}",
+            k as f64 / record.sample_rate_hz
+        ));
         if let Some(reference) = reference_um.and_then(|reference| reference.get(k)) {
             text.push_str(&format!(",{reference:.7}"));
         }
@@ -113,14 +170,28 @@ pub fn table(record: &Recorded, reference_um: Option<&[f64]>) -> String {
 }
 
 /// Writes a data set.
-pub fn write(desk: &Desk, out: &Path, scale: &Scale, drives: &[DriveOfRecord], records: &[Recorded]) -> Result<()> {
+pub fn write(
+    desk: &Desk,
+    out: &Path,
+    scale: &Scale,
+    drives: &[DriveOfRecord],
+    records: &[Recorded],
+) -> Result<()> {
     for (drive, record) in drives.iter().zip(records) {
         let text = table(record, None);
         desk.write(&out.join(format!("{}.csv", drive.name)), text.as_bytes())?;
     }
     // What was played is on codes, which may lie a fraction of a step beyond the limits that were asked for.
-    let lowest = records.iter().flat_map(|record| &record.drive_v).copied().fold(scale.drive_min_v, f64::min);
-    let highest = records.iter().flat_map(|record| &record.drive_v).copied().fold(scale.drive_max_v, f64::max);
+    let lowest = records
+        .iter()
+        .flat_map(|record| &record.drive_v)
+        .copied()
+        .fold(scale.drive_min_v, f64::min);
+    let highest = records
+        .iter()
+        .flat_map(|record| &record.drive_v)
+        .copied()
+        .fold(scale.drive_max_v, f64::max);
     let mut text = manifest("recorded by the board", lowest, highest, drives);
     let step = format!("sensor_lsb_um = {:?}\n", scale.sensor_step_um());
     let records_begin = text.find("\n[[record]]").unwrap_or(text.len());

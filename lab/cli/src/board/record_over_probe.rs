@@ -39,7 +39,11 @@ pub fn record(words: &[OsString], program: impl Fn(&[OsString]) -> ExitCode) -> 
         Err(error) => {
             // Where printing fails, no way is left to report it.
             let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+            return if error.use_stderr() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::SUCCESS
+            };
         }
     };
     let done = before(&words).and_then(|raw| {
@@ -65,22 +69,33 @@ fn before(words: &Words) -> Result<PathBuf> {
     desk.folder_to_be(&words.out, &["dataset.toml".to_string()])?;
     let raw = log_name(&words.out)?;
     if !words.force && raw.exists() {
-        return Err(Error::new(raw.display(), "exists: the log of another recording; --force replaces it"));
+        return Err(Error::new(
+            raw.display(),
+            "exists: the log of another recording; --force replaces it",
+        ));
     }
     Ok(raw)
 }
 
 /// `OUT.rtt` beside the folder.
 fn log_name(out: &Path) -> Result<PathBuf> {
-    let mut name = out.file_name().ok_or_else(|| Error::new(out.display(), "expected the name of a folder"))?.to_os_string();
+    let mut name = out
+        .file_name()
+        .ok_or_else(|| Error::new(out.display(), "expected the name of a folder"))?
+        .to_os_string();
     name.push(".rtt");
     Ok(out.with_file_name(name))
 }
 
 /// The words for `hysteron-probe`.
 fn for_probe(words: &Words, raw: &Path) -> Vec<OsString> {
-    let mut all: Vec<OsString> =
-        vec!["record".into(), words.image.clone().into(), raw.into(), "--ticks".into(), words.ticks.to_string().into()];
+    let mut all: Vec<OsString> = vec![
+        "record".into(),
+        words.image.clone().into(),
+        raw.into(),
+        "--ticks".into(),
+        words.ticks.to_string().into(),
+    ];
     if let Some(which) = words.probe.as_ref().filter(|which| !which.is_empty()) {
         all.push(format!("--probe={which}").into());
     }
@@ -98,10 +113,20 @@ mod tests {
     #[test]
     fn the_probe_s_program_is_told_what_it_needs() {
         let told = |text: &str| {
-            for_probe(&words(text), Path::new("a/out.rtt")).iter().map(|w| w.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+            for_probe(&words(text), Path::new("a/out.rtt"))
+                .iter()
+                .map(|w| w.to_string_lossy().into_owned())
+                .collect::<Vec<_>>()
+                .join(" ")
         };
-        assert_eq!(told("record a/out x.elf --probe"), "record x.elf a/out.rtt --ticks 100000");
-        assert_eq!(told("record --probe=0483:374e a/out x.elf --ticks 40000"), "record x.elf a/out.rtt --ticks 40000 --probe=0483:374e");
+        assert_eq!(
+            told("record a/out x.elf --probe"),
+            "record x.elf a/out.rtt --ticks 100000"
+        );
+        assert_eq!(
+            told("record --probe=0483:374e a/out x.elf --ticks 40000"),
+            "record x.elf a/out.rtt --ticks 40000 --probe=0483:374e"
+        );
         assert_eq!(log_name(Path::new("a/out")), Ok(PathBuf::from("a/out.rtt")));
         assert!(log_name(Path::new("/")).is_err());
     }
@@ -109,7 +134,12 @@ mod tests {
     #[test]
     fn what_is_wrong_is_found_before_the_board_is_touched() {
         let untouched = |_: &[OsString]| -> ExitCode { panic!("the board is touched") };
-        let with = |text: &str| record(&text.split(' ').map(OsString::from).collect::<Vec<_>>(), untouched);
+        let with = |text: &str| {
+            record(
+                &text.split(' ').map(OsString::from).collect::<Vec<_>>(),
+                untouched,
+            )
+        };
         for text in [
             "record out --probe",
             "record out no_such.elf --probe",

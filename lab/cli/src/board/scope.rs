@@ -40,11 +40,26 @@ struct Window {
 
 /// Windows by name, as the page lists them.
 const WINDOWS: [Window; 5] = [
-    Window { ticks_per_sample: 1, samples: 1024 },
-    Window { ticks_per_sample: 1, samples: 4096 },
-    Window { ticks_per_sample: 1, samples: 16_000 },
-    Window { ticks_per_sample: 10, samples: 4096 },
-    Window { ticks_per_sample: 50, samples: 4096 },
+    Window {
+        ticks_per_sample: 1,
+        samples: 1024,
+    },
+    Window {
+        ticks_per_sample: 1,
+        samples: 4096,
+    },
+    Window {
+        ticks_per_sample: 1,
+        samples: 16_000,
+    },
+    Window {
+        ticks_per_sample: 10,
+        samples: 4096,
+    },
+    Window {
+        ticks_per_sample: 50,
+        samples: 4096,
+    },
 ];
 /// The one that a scope begins with.
 const FIRST_WINDOW: usize = 1;
@@ -81,8 +96,16 @@ struct Scope {
 
 impl Scope {
     fn new() -> Self {
-        let seen = Mutex::new(Seen { window: FIRST_WINDOW, ..Seen::default() });
-        Self { began: Instant::now(), seen, stops: AtomicU32::new(0), ended: AtomicBool::new(false) }
+        let seen = Mutex::new(Seen {
+            window: FIRST_WINDOW,
+            ..Seen::default()
+        });
+        Self {
+            began: Instant::now(),
+            seen,
+            stops: AtomicU32::new(0),
+            ended: AtomicBool::new(false),
+        }
     }
 
     /// What is known, whoever broke off while writing it.
@@ -117,7 +140,9 @@ pub fn scope(listen: SocketAddr, no_open: bool, line: &LineArguments) -> Result<
     listened.map_err(|e| Error::new("Ctrl-C", format!("cannot be listened to: {e}")))?;
     let shown = server.address();
     println!("{shown}");
-    println!("The scope of {address} is open at this address, on this machine only. Ctrl-C ends it and leaves the board as it is.");
+    println!(
+        "The scope of {address} is open at this address, on this machine only. Ctrl-C ends it and leaves the board as it is."
+    );
     // Whoever reads the address from a pipe waits for it.
     let _ = std::io::stdout().flush();
     if !no_open && let Err(problem) = open::that_detached(&shown) {
@@ -128,7 +153,9 @@ pub fn scope(listen: SocketAddr, no_open: bool, line: &LineArguments) -> Result<
     while !scope.has_ended() {
         if let Some(request) = server.receive() {
             let (server, scope, page) = (Arc::clone(&server), Arc::clone(&scope), page.clone());
-            std::thread::spawn(move || server.answer(request, |request| page::route(&scope, &page, request)));
+            std::thread::spawn(move || {
+                server.answer(request, |request| page::route(&scope, &page, request))
+            });
         }
     }
     Ok(true)

@@ -14,10 +14,21 @@ pub fn status(line: &LineArguments) -> Result<bool> {
         None => println!("  {}", condition.mode),
     }
     if !condition.without_block() {
-        let zeroed = if condition.zeroed { "zeroed" } else { "not zeroed since the start" };
-        println!("  stage {}, {:.4} um ({zeroed}), {:.3} V", condition.stage, condition.position_um, condition.drive_v);
+        let zeroed = if condition.zeroed {
+            "zeroed"
+        } else {
+            "not zeroed since the start"
+        };
+        println!(
+            "  stage {}, {:.4} um ({zeroed}), {:.3} V",
+            condition.stage, condition.position_um, condition.drive_v
+        );
     }
-    for words in condition.following.iter().flat_map(|following| following.words()) {
+    for words in condition
+        .following
+        .iter()
+        .flat_map(|following| following.words())
+    {
         println!("  {words}");
     }
     for (name, count) in &condition.counts {

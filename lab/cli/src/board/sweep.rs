@@ -41,16 +41,29 @@ pub struct SweepRequest {
 }
 
 /// Conditions, plays, writes, and prints the response.
-pub fn sweep(out: &Path, wanted: &SweepRequest, wiring: &WiringArguments, line: &LineArguments, force: bool) -> Result<bool> {
+pub fn sweep(
+    out: &Path,
+    wanted: &SweepRequest,
+    wiring: &WiringArguments,
+    line: &LineArguments,
+    force: bool,
+) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
     if wiring.drive_max_v.is_some() {
         wiring.limits_v()?;
     }
     let mut board = line.connect()?;
-    if Condition::ask(&mut board).map_err(of_board)?.without_block() {
+    if Condition::ask(&mut board)
+        .map_err(of_board)?
+        .without_block()
+    {
         let (low_v, high_v) = wiring.limits_v()?;
-        bring_wiring(&mut board, &block(&wiring_parameters(&front_end, low_v, high_v)?)?, line)?;
+        bring_wiring(
+            &mut board,
+            &block(&wiring_parameters(&front_end, low_v, high_v)?)?,
+            line,
+        )?;
     }
     let scale = Scale::ask(&mut board).map_err(of_board)?;
     let bands = bands_of(wanted, &scale)?;
@@ -66,19 +79,32 @@ pub fn sweep(out: &Path, wanted: &SweepRequest, wiring: &WiringArguments, line: 
     // From the slowest band to the fastest; of each pair of records the first is the sine that was asked for.
     let mut response: Vec<SweepPoint> = Vec::new();
     for (band, pair) in bands.iter().zip(records.chunks(2)).rev() {
-        response.extend(pair.first().map_or_else(Vec::new, |record| band.response(&record.drive_v, &record.position_um)));
+        response.extend(pair.first().map_or_else(Vec::new, |record| {
+            band.response(&record.drive_v, &record.position_um)
+        }));
     }
     desk.write(&out.join(RESPONSE), table(&response).as_bytes())?;
     tell(&response);
-    println!("next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml", as_argument(out));
+    println!(
+        "next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml",
+        as_argument(out)
+    );
     Ok(true)
 }
 
 fn bands_of(wanted: &SweepRequest, scale: &Scale) -> Result<Vec<SweepBand>> {
-    let bands = bands(wanted.from_hz, wanted.to_hz, scale.sample_rate_hz, scale.most_points);
+    let bands = bands(
+        wanted.from_hz,
+        wanted.to_hz,
+        scale.sample_rate_hz,
+        scale.most_points,
+    );
     let bands = bands.map_err(|problem| Error::new("--from-hz, --to-hz", problem))?;
     if bands.len() > NAMES.len() {
-        return Err(Error::new("--from-hz, --to-hz", format!("{} decades; expected at most {}", bands.len(), NAMES.len())));
+        return Err(Error::new(
+            "--from-hz, --to-hz",
+            format!("{} decades; expected at most {}", bands.len(), NAMES.len()),
+        ));
     }
     Ok(bands)
 }
@@ -89,7 +115,9 @@ fn drives(bands: &[SweepBand], wanted: &SweepRequest, scale: &Scale) -> Result<V
     let offset_v = wanted.offset_v.unwrap_or(0.5 * (low_v + high_v));
     let amplitude_v = wanted.amplitude_v;
     if !(amplitude_v > 0.0 && offset_v - amplitude_v >= low_v && offset_v + amplitude_v <= high_v) {
-        let problem = format!("{amplitude_v} V about {offset_v} V; expected an amplitude above 0 within the board's {low_v} to {high_v} V");
+        let problem = format!(
+            "{amplitude_v} V about {offset_v} V; expected an amplitude above 0 within the board's {low_v} to {high_v} V"
+        );
         return Err(Error::new("--amplitude-v", problem));
     }
     let of_band = |(band, names): (&SweepBand, &[&'static str; 2])| {
@@ -102,7 +130,10 @@ fn drives(bands: &[SweepBand], wanted: &SweepRequest, scale: &Scale) -> Result<V
             initial_state: "unknown",
             from_s: None,
         };
-        [drive(names[0], "identify", 1.0), drive(names[1], "validate", SMALLER)]
+        [
+            drive(names[0], "identify", 1.0),
+            drive(names[1], "validate", SMALLER),
+        ]
     };
     Ok(bands.iter().zip(&NAMES).flat_map(of_band).collect())
 }
@@ -114,19 +145,31 @@ fn or_nothing(value: Option<f64>) -> String {
 
 /// The response as CSV.
 fn table(response: &[SweepPoint]) -> String {
-    let mut text = String::from("frequency_hz,gain_um_v,phase_deg,second_harmonic,third_harmonic\n");
+    let mut text =
+        String::from("frequency_hz,gain_um_v,phase_deg,second_harmonic,third_harmonic\n");
     for point in response {
         let [second, third] = point.distortion.map(or_nothing);
-        text.push_str(&format!("{:.4},{:.7},{:.3},{second},{third}\n", point.hz, point.gain_um_v, point.phase_deg));
+        text.push_str(&format!(
+            "{:.4},{:.7},{:.3},{second},{third}\n",
+            point.hz, point.gain_um_v, point.phase_deg
+        ));
     }
     text
 }
 
 fn tell(response: &[SweepPoint]) {
-    println!("  {:>9}  {:>9}  {:>7}  {:>8}  {:>8}", "Hz", "um/V", "degrees", "2nd, %", "3rd, %");
+    println!(
+        "  {:>9}  {:>9}  {:>7}  {:>8}  {:>8}",
+        "Hz", "um/V", "degrees", "2nd, %", "3rd, %"
+    );
     for point in response {
-        let [second, third] = point.distortion.map(|share| share.map_or_else(String::new, |share| format!("{:.2}", 100.0 * share)));
-        println!("  {:>9.2}  {:>9.5}  {:>7.1}  {second:>8}  {third:>8}", point.hz, point.gain_um_v, point.phase_deg);
+        let [second, third] = point
+            .distortion
+            .map(|share| share.map_or_else(String::new, |share| format!("{:.2}", 100.0 * share)));
+        println!(
+            "  {:>9.2}  {:>9.5}  {:>7.1}  {second:>8}  {third:>8}",
+            point.hz, point.gain_um_v, point.phase_deg
+        );
     }
 }
 
@@ -152,26 +195,89 @@ mod tests {
 
     #[test]
     fn records_stay_in_the_range_and_what_does_not_is_refused() {
-        let wanted = SweepRequest { from_hz: 1.0, to_hz: 2_000.0, amplitude_v: 5.0, offset_v: None };
+        let wanted = SweepRequest {
+            from_hz: 1.0,
+            to_hz: 2_000.0,
+            amplitude_v: 5.0,
+            offset_v: None,
+        };
         let bands = bands_of(&wanted, &scale()).unwrap();
         let drives = drives(&bands, &wanted, &scale()).unwrap();
-        assert_eq!((drives.len(), drives[1].role, drives[0].drive_v.last()), (8, "validate", Some(&0.0)));
-        assert!(drives.iter().all(|d| d.drive_v.len() <= 4096 && d.drive_v.iter().all(|u| (0.0..=45.0 + 1e-9).contains(u))));
+        assert_eq!(
+            (drives.len(), drives[1].role, drives[0].drive_v.last()),
+            (8, "validate", Some(&0.0))
+        );
+        assert!(drives.iter().all(|d| d.drive_v.len() <= 4096
+            && d.drive_v.iter().all(|u| (0.0..=45.0 + 1e-9).contains(u))));
         require_room(&scale(), &drives).unwrap();
         for (refused, place) in [
-            (SweepRequest { amplitude_v: 41.0, ..wanted }, "--amplitude-v"),
-            (SweepRequest { offset_v: Some(78.0), ..wanted }, "--amplitude-v"),
-            (SweepRequest { amplitude_v: f64::NAN, ..wanted }, "--amplitude-v"),
+            (
+                SweepRequest {
+                    amplitude_v: 41.0,
+                    ..wanted
+                },
+                "--amplitude-v",
+            ),
+            (
+                SweepRequest {
+                    offset_v: Some(78.0),
+                    ..wanted
+                },
+                "--amplitude-v",
+            ),
+            (
+                SweepRequest {
+                    amplitude_v: f64::NAN,
+                    ..wanted
+                },
+                "--amplitude-v",
+            ),
         ] {
-            assert!(super::drives(&bands, &refused, &scale()).unwrap_err().to_string().contains(place), "{refused:?}");
+            assert!(
+                super::drives(&bands, &refused, &scale())
+                    .unwrap_err()
+                    .to_string()
+                    .contains(place),
+                "{refused:?}"
+            );
         }
-        assert!(bands_of(&SweepRequest { to_hz: 9_000.0, ..wanted }, &scale()).unwrap_err().to_string().contains("5000"));
-        assert!(bands_of(&SweepRequest { from_hz: 1e-4, ..wanted }, &scale()).unwrap_err().to_string().contains("at most 6"));
+        assert!(
+            bands_of(
+                &SweepRequest {
+                    to_hz: 9_000.0,
+                    ..wanted
+                },
+                &scale()
+            )
+            .unwrap_err()
+            .to_string()
+            .contains("5000")
+        );
+        assert!(
+            bands_of(
+                &SweepRequest {
+                    from_hz: 1e-4,
+                    ..wanted
+                },
+                &scale()
+            )
+            .unwrap_err()
+            .to_string()
+            .contains("at most 6")
+        );
     }
 
     #[test]
     fn a_harmonic_that_is_not_seen_leaves_its_field_empty() {
-        let point = SweepPoint { hz: 100.0, gain_um_v: 0.13, phase_deg: -12.0, distortion: [Some(0.01), None] };
-        assert_eq!(table(&[point]).lines().nth(1), Some("100.0000,0.1300000,-12.000,0.010000,"));
+        let point = SweepPoint {
+            hz: 100.0,
+            gain_um_v: 0.13,
+            phase_deg: -12.0,
+            distortion: [Some(0.01), None],
+        };
+        assert_eq!(
+            table(&[point]).lines().nth(1),
+            Some("100.0000,0.1300000,-12.000,0.010000,")
+        );
     }
 }

@@ -22,7 +22,8 @@ use hysteron_client::scale::Scale;
 use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_report::{
-    CurveRole, Page, PageBlock, Plot, Section, Series, Tone, explain_page, explain_report, nyquist, sensitivity, trade_off,
+    CurveRole, Page, PageBlock, Plot, Section, Series, Tone, explain_page, explain_report, nyquist,
+    sensitivity, trade_off,
 };
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -70,9 +71,20 @@ struct Followed {
 }
 
 impl Followed {
-    fn new(sample_rate_hz: f64, reference_um: Vec<f64>, position_um: Vec<f64>, sensor_codes: Vec<SensorCode>, noise_um: f64) -> Self {
-        let errors: Vec<f64> = position_um.iter().zip(&reference_um).map(|(y, r)| y - r).collect();
-        let rms_um = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
+    fn new(
+        sample_rate_hz: f64,
+        reference_um: Vec<f64>,
+        position_um: Vec<f64>,
+        sensor_codes: Vec<SensorCode>,
+        noise_um: f64,
+    ) -> Self {
+        let errors: Vec<f64> = position_um
+            .iter()
+            .zip(&reference_um)
+            .map(|(y, r)| y - r)
+            .collect();
+        let rms_um =
+            (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
         let of_position_um = (rms_um * rms_um - noise_um * noise_um).max(0.0).sqrt();
         Self {
             rms_um,
@@ -80,7 +92,9 @@ impl Followed {
             mean_um: mean(&errors),
             max_um: errors.iter().map(|e| e.abs()).fold(0.0, f64::max),
             over_noise: of_position_um / noise_um,
-            time_s: (0..errors.len()).map(|k| k as f64 / sample_rate_hz).collect(),
+            time_s: (0..errors.len())
+                .map(|k| k as f64 / sample_rate_hz)
+                .collect(),
             reference_um,
             position_um,
             sensor_codes,
@@ -134,19 +148,33 @@ pub struct TuneRequest {
 }
 
 /// The whole way.
-pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &LineArguments, force: bool) -> Result<bool> {
+pub fn tune(
+    out: &Path,
+    wiring: &WiringArguments,
+    wanted: &TuneRequest,
+    line: &LineArguments,
+    force: bool,
+) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
     let (low_v, high_v) = wiring.limits_v()?;
     let empty = block(&wiring_parameters(&front_end, low_v, high_v)?)?;
     let recording = out.join("record");
     let drives = board_drives(low_v, high_v);
-    let files = ["model.toml", "servo.toml", "servo.block", "on_reference.csv", "report.html", "tune.json"];
+    let files = [
+        "model.toml",
+        "servo.toml",
+        "servo.block",
+        "on_reference.csv",
+        "report.html",
+        "tune.json",
+    ];
     desk.folder_to_be(out, &files.map(String::from))?;
     if recording.exists() {
         desk.folder_to_be(&recording, &names(&drives))?;
     }
-    order::reasonable_frequency(wanted.reference_hz, front_end.period_s()).map_err(|problem| Error::new("--reference-hz", problem))?;
+    order::reasonable_frequency(wanted.reference_hz, front_end.period_s())
+        .map_err(|problem| Error::new("--reference-hz", problem))?;
     order::reasonable_bandwidth(wanted.sensor_bandwidth_hz, front_end.period_s())
         .map_err(|problem| Error::new("--sensor-bandwidth-hz", problem))?;
     let mut board = line.connect()?;
@@ -163,12 +191,20 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &L
     write(&desk, &recording, &scale, &drives, &records)?;
 
     let designed = design(&desk, &recording, &front_end, wanted)?;
-    desk.write_model(Some(&out.join("model.toml")), &designed.found.model, &designed.dataset.name)?;
-    let servo = toml::to_string_pretty(&designed.design).map_err(|problem| Error::new("servo.toml", problem))?;
+    desk.write_model(
+        Some(&out.join("model.toml")),
+        &designed.found.model,
+        &designed.dataset.name,
+    )?;
+    let servo = toml::to_string_pretty(&designed.design)
+        .map_err(|problem| Error::new("servo.toml", problem))?;
     desk.write(&out.join("servo.toml"), servo.as_bytes())?;
     desk.write(&out.join("servo.block"), &designed.block)?;
     if !designed.check.stable {
-        return Err(Error::new("check", "the loop is not stable on the model; the block was not brought"));
+        return Err(Error::new(
+            "check",
+            "the loop is not stable on the model; the block was not brought",
+        ));
     }
 
     println!("bringing the block");
@@ -180,7 +216,10 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &L
     let good = on_reference.over_noise <= ACCEPTED;
     let verdict = verdict(&on_reference, &on_sine, &designed, good);
     println!("{verdict}");
-    desk.write(&out.join("on_reference.csv"), csv(&on_reference)?.as_bytes())?;
+    desk.write(
+        &out.join("on_reference.csv"),
+        csv(&on_reference)?.as_bytes(),
+    )?;
     let tuned = Tuned {
         schema: "hysteron.tune/1",
         board: &board.identification,
@@ -193,40 +232,79 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &L
         sine_amplitude_um: 0.5 * SINE_SHARE * designed.travel_um,
         on_sine: &on_sine,
         accepted_over_noise: ACCEPTED,
-        scale: ScaleFigures { sensor_at_code_0_um: scale.sensor_at_code_0_um, sensor_span_um: scale.sensor_span_um },
+        scale: ScaleFigures {
+            sensor_at_code_0_um: scale.sensor_at_code_0_um,
+            sensor_span_um: scale.sensor_span_um,
+        },
         check: &designed.check,
         design: &designed.design,
     };
     desk.write_json(Some(&out.join("tune.json")), &tuned)?;
-    desk.write_page(Some(&out.join("report.html")), || page(&designed, &on_reference, &on_sine, &verdict, good))?;
-    println!("the servo is on at {reference_um:.3} um; all of it is in {}", out.join("report.html").display());
+    desk.write_page(Some(&out.join("report.html")), || {
+        page(&designed, &on_reference, &on_sine, &verdict, good)
+    })?;
+    println!(
+        "the servo is on at {reference_um:.3} um; all of it is in {}",
+        out.join("report.html").display()
+    );
     Ok(good)
 }
 
 /// From the recording to the block.
-fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequest) -> Result<Designed> {
+fn design(
+    desk: &Desk,
+    recording: &Path,
+    front_end: &FrontEnd,
+    wanted: &TuneRequest,
+) -> Result<Designed> {
     let dataset = desk.dataset(recording, &ReadArguments::default())?;
     let progress = Progress::of_search(false);
-    let found = analyse(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
+    let found = analyse(
+        &dataset,
+        Start::Effects(&effects_named(BEGIN_WITH)?),
+        &Options::default(),
+        &progress,
+    )?;
     drop(progress);
     let dataset = found.dataset(&dataset).clone();
     println!("{}", found.diagnosis.sentence);
-    let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
-    let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;
-    let order =
-        DesignOrder { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..DesignOrder::default() };
-    let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
+    let noise_um = found
+        .floor
+        .rms_um
+        .ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
+    let TuneRequest {
+        reference_hz,
+        sensor_bandwidth_hz,
+    } = *wanted;
+    let order = DesignOrder {
+        reference_hz,
+        sensor_bandwidth_hz,
+        recording: Some(&dataset),
+        front_end: Some(front_end),
+        ..DesignOrder::default()
+    };
+    let design =
+        order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check_with(&design, &found.model, Some(&dataset)).map_err(|problem| Error::new("check", problem))?;
+    let check = commands::check_with(&design, &found.model, Some(&dataset))
+        .map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset
         .records
         .iter()
         .map(|record| extremes(&record.displacement_um))
         .fold((f64::MAX, f64::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    Ok(Designed { found, noise_um, travel_um: highest_um - lowest_um, design, check, block, dataset })
+    Ok(Designed {
+        found,
+        noise_um,
+        travel_um: highest_um - lowest_um,
+        design,
+        check,
+        block,
+        dataset,
+    })
 }
 
 /// How a sensor reads a sine.
@@ -240,54 +318,106 @@ struct Late {
 
 impl Late {
     /// As it is.
-    const NOT: Self = Self { share: 1.0, angle_rad: 0.0 };
+    const NOT: Self = Self {
+        share: 1.0,
+        angle_rad: 0.0,
+    };
 
     /// The lag that the servo undoes is in the reading and not in the position: what is read is compared with
     /// what the sensor then reads of the reference.
     fn of(lag_s: Option<f64>, frequency_rad_s: f64) -> Self {
         let angle_rad = (frequency_rad_s * lag_s.unwrap_or(0.0)).atan();
-        Self { share: angle_rad.cos(), angle_rad }
+        Self {
+            share: angle_rad.cos(),
+            angle_rad,
+        }
     }
 }
 
 /// Closes the loop, goes to the middle and looks, follows a sine and looks, and stays in the middle. Returns
 /// where that is.
-fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64, Followed, Followed)> {
-    let Designed { noise_um, travel_um, .. } = *designed;
+fn verify(
+    board: &mut Board,
+    scale: &Scale,
+    designed: &Designed,
+) -> Result<(f64, Followed, Followed)> {
+    let Designed {
+        noise_um,
+        travel_um,
+        ..
+    } = *designed;
     let middle_um = (500.0 * travel_um).round() / 1000.0;
     println!("closing the loop");
-    board.tell_all(&["SVO 1 1".to_string(), format!("VEL 1 {:.3}", VELOCITY_SHARE * travel_um)]).map_err(of_board)?;
+    board
+        .tell_all(&[
+            "SVO 1 1".to_string(),
+            format!("VEL 1 {:.3}", VELOCITY_SHARE * travel_um),
+        ])
+        .map_err(of_board)?;
     go(board, middle_um)?;
     let stays = listen(board, scale, 1, SAMPLES_ON_REFERENCE).map_err(of_board)?;
     let reference = vec![middle_um; stays.position_um.len()];
-    let on_reference = Followed::new(stays.sample_rate_hz, reference, stays.position_um, stays.sensor_codes, noise_um);
+    let on_reference = Followed::new(
+        stays.sample_rate_hz,
+        reference,
+        stays.position_um,
+        stays.sensor_codes,
+        noise_um,
+    );
     let amplitude_um = 0.5 * SINE_SHARE * travel_um;
     let sine = |late: Late| {
-        move |tick: usize| middle_um + amplitude_um * late.share * (TAU * tick as f64 / SINE_TICKS as f64 - late.angle_rad).sin()
+        move |tick: usize| {
+            middle_um
+                + amplitude_um
+                    * late.share
+                    * (TAU * tick as f64 / SINE_TICKS as f64 - late.angle_rad).sin()
+        }
     };
-    let wave = Wave { points: (0..SINE_TICKS).map(sine(Late::NOT)).collect(), ticks_per_point: 1, cycles: SINE_PERIODS };
+    let wave = Wave {
+        points: (0..SINE_TICKS).map(sine(Late::NOT)).collect(),
+        ticks_per_point: 1,
+        cycles: SINE_PERIODS,
+    };
     let follows = play(board, scale, &wave).map_err(of_board)?;
     // The record begins two ticks behind the first point, which counts after the window that the servo looks
     // ahead.
     let from = SINE_TICKS;
-    let read = sine(Late::of(designed.design.sensor_lag_s, TAU * stays.sample_rate_hz / SINE_TICKS as f64));
-    let reference = (from..follows.position_um.len()).map(|k| read(k + 2 + SINE_TICKS - PREVIEW_TICKS)).collect();
+    let read = sine(Late::of(
+        designed.design.sensor_lag_s,
+        TAU * stays.sample_rate_hz / SINE_TICKS as f64,
+    ));
+    let reference = (from..follows.position_um.len())
+        .map(|k| read(k + 2 + SINE_TICKS - PREVIEW_TICKS))
+        .collect();
     let rest = |values: Vec<f64>| values.into_iter().skip(from).collect::<Vec<f64>>();
     let codes = follows.sensor_codes.into_iter().skip(from).collect();
-    let on_sine = Followed::new(follows.sample_rate_hz, reference, rest(follows.position_um), codes, noise_um);
+    let on_sine = Followed::new(
+        follows.sample_rate_hz,
+        reference,
+        rest(follows.position_um),
+        codes,
+        noise_um,
+    );
     go(board, middle_um)?;
     Ok((middle_um, on_reference, on_sine))
 }
 
 /// Moves to a position and waits until it is there, or for so many ticks of the board that it never will be.
 fn go(board: &mut Board, position_um: f64) -> Result<()> {
-    board.tell(&format!("MOV 1 {position_um:.6}")).map_err(of_board)?;
+    board
+        .tell(&format!("MOV 1 {position_um:.6}"))
+        .map_err(of_board)?;
     let mut begin = None;
     loop {
         let state = board.numbers("DIA? 1 10").map_err(of_board)?;
-        let [mode, tick] = state[..] else { return Err(Error::new("DIA?", "the board answers something else")) };
+        let [mode, tick] = state[..] else {
+            return Err(Error::new("DIA?", "the board answers something else"));
+        };
         if mode != 2.0 {
-            return Err(Error::new("MOV", "a fault has opened the loop; `hysteron board status` names it"));
+            return Err(Error::new(
+                "MOV",
+                "a fault has opened the loop; `hysteron board status` names it",
+            ));
         }
         if board.number("ONT? 1").map_err(of_board)? == 1.0 {
             return Ok(());
@@ -295,7 +425,9 @@ fn go(board: &mut Board, position_um: f64) -> Result<()> {
         if tick - *begin.get_or_insert(tick) > MOST_TICKS_OF_A_MOVE {
             return Err(Error::new(
                 "MOV",
-                format!("the servo does not settle at {position_um:.3} um; it is still on, `hysteron board send STP` ends it"),
+                format!(
+                    "the servo does not settle at {position_um:.3} um; it is still on, `hysteron board send STP` ends it"
+                ),
             ));
         }
     }
@@ -316,40 +448,80 @@ fn verdict(on_reference: &Followed, on_sine: &Followed, designed: &Designed, goo
 
 fn csv(followed: &Followed) -> Result<String> {
     let mut text = String::from("t_s,reference_um,y_um,sensor_code\n");
-    let rows = followed.time_s.iter().zip(&followed.reference_um).zip(&followed.position_um).zip(&followed.sensor_codes);
+    let rows = followed
+        .time_s
+        .iter()
+        .zip(&followed.reference_um)
+        .zip(&followed.position_um)
+        .zip(&followed.sensor_codes);
     for (((t, r), y), code) in rows {
-        writeln!(text, "{t:.6},{r:.7},{y:.7},{code}").map_err(|problem| Error::new("on_reference.csv", problem))?;
+        writeln!(text, "{t:.6},{r:.7},{y:.7},{code}")
+            .map_err(|problem| Error::new("on_reference.csv", problem))?;
     }
     Ok(text)
 }
 
 /// The closed loop in two plots.
 fn plots(name: &str, followed: &Followed) -> [PageBlock; 2] {
-    let error_nm = followed.position_um.iter().zip(&followed.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
+    let error_nm = followed
+        .position_um
+        .iter()
+        .zip(&followed.reference_um)
+        .map(|(y, r)| 1e3 * (y - r))
+        .collect();
     let time = followed.time_s.clone();
     [
         PageBlock::Plot(
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", CurveRole::Reference, time.clone(), followed.reference_um.clone()))
-                .with(Series::line("sensor", CurveRole::Measured, time.clone(), followed.position_um.clone())),
+                .with(Series::line(
+                    "reference",
+                    CurveRole::Reference,
+                    time.clone(),
+                    followed.reference_um.clone(),
+                ))
+                .with(Series::line(
+                    "sensor",
+                    CurveRole::Measured,
+                    time.clone(),
+                    followed.position_um.clone(),
+                )),
         ),
-        PageBlock::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
-            "sensor minus reference",
-            CurveRole::Residual,
-            time,
-            error_nm,
-        ))),
+        PageBlock::Plot(
+            Plot::new(format!("{name}: error"))
+                .x_axis("time", "s")
+                .y_axis("error", "nm")
+                .with(Series::line(
+                    "sensor minus reference",
+                    CurveRole::Residual,
+                    time,
+                    error_nm,
+                )),
+        ),
     ]
 }
 
 /// The one report: the closed loop, the servo, and the model behind it.
-fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdict: &str, good: bool) -> Page {
-    let Designed { found, dataset, design, check, .. } = designed;
+fn page(
+    designed: &Designed,
+    on_reference: &Followed,
+    on_sine: &Followed,
+    verdict: &str,
+    good: bool,
+) -> Page {
+    let Designed {
+        found,
+        dataset,
+        design,
+        check,
+        ..
+    } = designed;
     let model = explain_page(&explain_report(found, dataset, as_typed()));
     let margins = check.margins.as_ref();
-    let of_loop = margins.map(|m| vec![PageBlock::Plot(sensitivity(m)), PageBlock::Plot(nyquist(m))]).unwrap_or_default();
+    let of_loop = margins
+        .map(|m| vec![PageBlock::Plot(sensitivity(m)), PageBlock::Plot(nyquist(m))])
+        .unwrap_or_default();
     let said = margins.map(words::margins).unwrap_or_default();
     let mut sections = vec![
         Section {

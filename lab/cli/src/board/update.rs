@@ -20,8 +20,13 @@ fn report() -> impl FnMut(UpdateStage) {
             UpdateStage::Erasing => "erasing".to_string(),
             UpdateStage::Sent { .. } => format!("sent {} %", 10 * tenths),
             UpdateStage::Verifying => "comparing the checksum".to_string(),
-            UpdateStage::Installing => "restarting: the board installs the image, which takes up to half a minute".to_string(),
-            UpdateStage::Trial => "the image runs; waiting for its first healthy second".to_string(),
+            UpdateStage::Installing => {
+                "restarting: the board installs the image, which takes up to half a minute"
+                    .to_string()
+            }
+            UpdateStage::Trial => {
+                "the image runs; waiting for its first healthy second".to_string()
+            }
         };
         if last.as_ref() != Some(&line) {
             println!("  {line}");
@@ -34,11 +39,16 @@ fn report() -> impl FnMut(UpdateStage) {
 pub fn update(image: &Path, line: &LineArguments) -> Result<bool> {
     const EXPECTED: &str = "the image of a NUCLEO-H743ZI2 that `cargo xtask firmware` builds";
     let bytes = Desk::new(false).bytes(image, EXPECTED)?;
-    let firmware = FirmwareImage::from_elf(&bytes).map_err(|what| wrong(image, format!("{what}; expected {EXPECTED}")))?;
+    let firmware = FirmwareImage::from_elf(&bytes)
+        .map_err(|what| wrong(image, format!("{what}; expected {EXPECTED}")))?;
     let header = &firmware.header;
     let (version, front_end) = (text(&header.version), text(&header.front_end));
     let kib = firmware.bytes.len().div_ceil(1024);
-    println!("{}: version {version}, {front_end}, {} Hz, {kib} KiB", image.display(), header.sample_rate_hz);
+    println!(
+        "{}: version {version}, {front_end}, {} Hz, {kib} KiB",
+        image.display(),
+        header.sample_rate_hz
+    );
     let mut board = line.connect()?;
     println!("the board runs {}", board.identification);
     let mut report = report();

@@ -51,7 +51,11 @@ fn caught(k: usize) -> TraceSample {
 
 /// The last two words of a question as numbers.
 fn first_and_count(line: &str) -> (usize, usize) {
-    let numbers: Vec<usize> = line.split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
+    let numbers: Vec<usize> = line
+        .split(' ')
+        .skip(1)
+        .map(|word| word.parse().unwrap())
+        .collect();
     (numbers[0] - 1, numbers[1])
 }
 
@@ -141,7 +145,16 @@ fn converse(like: &Shared, mut stream: TcpStream) -> std::io::Result<()> {
 }
 
 fn started(port: u16, folder: &Path) -> Served {
-    Served::started(&["board", "scope", "--no-open", "--tcp", &format!("127.0.0.1:{port}")], folder)
+    Served::started(
+        &[
+            "board",
+            "scope",
+            "--no-open",
+            "--tcp",
+            &format!("127.0.0.1:{port}"),
+        ],
+        folder,
+    )
 }
 
 /// Asks for the state until it is as wanted.
@@ -158,47 +171,91 @@ fn state_when(scope: &Served, wanted: impl Fn(&Value) -> bool) -> Value {
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|number| number.as_f64().unwrap())
+        .collect()
 }
 
 #[test]
 fn a_board_with_a_short_recorder_is_watched_as_far_as_it_goes() {
-    let like = Shared::new(Mutex::new(Like { room: Some(512), ..Like::default() }));
+    let like = Shared::new(Mutex::new(Like {
+        room: Some(512),
+        ..Like::default()
+    }));
     let folder = tempfile::tempdir().unwrap();
     let scope = started(board(&like), folder.path());
     let state = state_when(&scope, |state| state["block"].is_object());
-    assert_eq!(numbers(&state["block"]["position_um"]).len(), 511, "the window has 4096");
+    assert_eq!(
+        numbers(&state["block"]["position_um"]).len(),
+        511,
+        "the window has 4096"
+    );
 }
 
 #[test]
 fn a_sine_is_where_it_is_in_time_and_frequency_and_the_file_is_a_recording() {
-    let like = Shared::new(Mutex::new(Like { mode: 2, ..Like::default() }));
+    let like = Shared::new(Mutex::new(Like {
+        mode: 2,
+        ..Like::default()
+    }));
     let folder = tempfile::tempdir().unwrap();
     let scope = started(board(&like), folder.path());
     let state = state_when(&scope, |state| state["block"].is_object());
-    assert_eq!((state["board"]["mode"].as_str(), state["board"]["stage"].as_str()), (Some("closed loop"), Some("P753")));
-    assert_eq!(state["board"]["counts"][0], serde_json::json!(["ticks at the sensor's limits", 17.0]));
+    assert_eq!(
+        (
+            state["board"]["mode"].as_str(),
+            state["board"]["stage"].as_str()
+        ),
+        (Some("closed loop"), Some("P753"))
+    );
+    assert_eq!(
+        state["board"]["counts"][0],
+        serde_json::json!(["ticks at the sensor's limits", 17.0])
+    );
 
     let block = &state["block"];
     let (position, error) = (numbers(&block["position_um"]), numbers(&block["error_um"]));
-    assert_eq!((position.len(), block["sample_rate_hz"].as_f64()), (4095, Some(RATE_HZ)));
+    assert_eq!(
+        (position.len(), block["sample_rate_hz"].as_f64()),
+        (4095, Some(RATE_HZ))
+    );
     // What the recorder read at a tick belongs to the drive of the tick before; half a step of the
     // converters.
     for (k, (y, e)) in position.iter().zip(&error).enumerate() {
         let true_um = 5.0 + 0.4 * (TAU * SINE_HZ * (k + 1) as f64 / RATE_HZ).sin();
-        assert!((y - true_um).abs() < 2e-4 && (e - (5.0 - true_um)).abs() < 2e-4, "{k}: {y} {e}");
+        assert!(
+            (y - true_um).abs() < 2e-4 && (e - (5.0 - true_um)).abs() < 2e-4,
+            "{k}: {y} {e}"
+        );
     }
     for spectrum in ["position_spectrum", "error_spectrum"] {
-        let (hz, density) = (numbers(&block[spectrum]["frequency_hz"]), numbers(&block[spectrum]["density_nm"]));
-        let top = (0..density.len()).max_by(|a, b| density[*a].total_cmp(&density[*b])).unwrap();
-        assert!((hz[top] / SINE_HZ - 1.0).abs() < 0.03, "{spectrum}: {} Hz", hz[top]);
+        let (hz, density) = (
+            numbers(&block[spectrum]["frequency_hz"]),
+            numbers(&block[spectrum]["density_nm"]),
+        );
+        let top = (0..density.len())
+            .max_by(|a, b| density[*a].total_cmp(&density[*b]))
+            .unwrap();
+        assert!(
+            (hz[top] / SINE_HZ - 1.0).abs() < 0.03,
+            "{spectrum}: {} Hz",
+            hz[top]
+        );
     }
 
     // Blocks may come and go faster than they are looked at: hold one that is still there.
     let number = loop {
         let state = state_when(&scope, |state| state["block"].is_object());
         let newest = state["block"]["number"].as_u64().unwrap();
-        let (status, _) = scope.asked("POST", &format!("{}&block={newest}", scope.path("/hold")), &[], b"");
+        let (status, _) = scope.asked(
+            "POST",
+            &format!("{}&block={newest}", scope.path("/hold")),
+            &[],
+            b"",
+        );
         if status == 200 {
             break newest;
         }
@@ -206,55 +263,134 @@ fn a_sine_is_where_it_is_in_time_and_frequency_and_the_file_is_a_recording() {
     };
     let save = format!("{}&block={number}", scope.path("/save"));
     // Held, it is there however many blocks come after it.
-    state_when(&scope, |state| state["block"]["number"].as_u64() > Some(number + 6));
+    state_when(&scope, |state| {
+        state["block"]["number"].as_u64() > Some(number + 6)
+    });
     let (status, text) = scope.asked("GET", &save, &[], b"");
     assert_eq!(status, 200, "{text}");
     let file = body(&text);
-    assert!(file.contains("# (c)2026 Hysteron") && file.contains("t_s,u_v,y_um,reference_um"), "{}", &file[..200]);
+    assert!(
+        file.contains("# (c)2026 Hysteron") && file.contains("t_s,u_v,y_um,reference_um"),
+        "{}",
+        &file[..200]
+    );
     std::fs::write(folder.path().join("block.csv"), file).unwrap();
-    let output = common::hysteron(&["identify", "block.csv", "--effects", "gain", "--json", "fit.json", "--out", "m.toml"], folder.path());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = common::hysteron(
+        &[
+            "identify",
+            "block.csv",
+            "--effects",
+            "gain",
+            "--json",
+            "fit.json",
+            "--out",
+            "m.toml",
+        ],
+        folder.path(),
+    );
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let missing = format!("{}&block=999999", scope.path("/save"));
     assert_eq!(scope.asked("GET", &missing, &[], b"").0, 404);
 
     // Nothing but what a recording needs.
     let allowed = ["DRC 1 1 1", "RTR 1", "DRT 0 4 0", "DRT 0 0 0"];
-    assert!(like.lock().unwrap().told.iter().all(|line| allowed.contains(&line.as_str())), "{:?}", like.lock().unwrap().told);
+    assert!(
+        like.lock()
+            .unwrap()
+            .told
+            .iter()
+            .all(|line| allowed.contains(&line.as_str())),
+        "{:?}",
+        like.lock().unwrap().told
+    );
 }
 
 #[test]
 fn a_fault_is_told_in_words_a_board_that_goes_comes_back_and_stop_is_sent() {
-    let like = Shared::new(Mutex::new(Like { mode: 3, fault: Fault::TrackingError as u8, ..Like::default() }));
+    let like = Shared::new(Mutex::new(Like {
+        mode: 3,
+        fault: Fault::TrackingError as u8,
+        ..Like::default()
+    }));
     let folder = tempfile::tempdir().unwrap();
     let scope = started(board(&like), folder.path());
     let state = state_when(&scope, |state| state["board"].is_object());
     assert_eq!(state["board"]["fault"], "tracking error");
-    assert!(state["board"]["what_to_do"].as_str().unwrap().contains("did not follow"), "{state}");
+    assert!(
+        state["board"]["what_to_do"]
+            .as_str()
+            .unwrap()
+            .contains("did not follow"),
+        "{state}"
+    );
     let state = state_when(&scope, |state| state["block"].is_object());
-    assert!(state["block"]["error_um"].is_null(), "without a servo there is no error");
+    assert!(
+        state["block"]["error_um"].is_null(),
+        "without a servo there is no error"
+    );
 
     // It goes away in the middle of whatever is being said, and is met again.
     let line = like.lock().unwrap().line.take().unwrap();
     line.shutdown(Shutdown::Both).unwrap();
     let gone = state_when(&scope, |state| state["connected"] == false);
-    assert!(gone["trouble"].as_str().unwrap().contains("connection"), "{gone}");
+    assert!(
+        gone["trouble"].as_str().unwrap().contains("connection"),
+        "{gone}"
+    );
     let last = gone["block"]["number"].as_u64().unwrap();
-    state_when(&scope, |state| state["connected"] == true && state["block"]["number"].as_u64() > Some(last));
+    state_when(&scope, |state| {
+        state["connected"] == true && state["block"]["number"].as_u64() > Some(last)
+    });
 
     // STOP needs the token, the method and this origin.
     for (method, path, headers, status) in [
         ("POST", "/stop".to_owned(), vec![], 403),
-        ("POST", scope.path("/stop"), vec![("Origin", "http://attacker.example")], 403),
-        ("POST", scope.path("/stop"), vec![("Host", "attacker.example")], 403),
+        (
+            "POST",
+            scope.path("/stop"),
+            vec![("Origin", "http://attacker.example")],
+            403,
+        ),
+        (
+            "POST",
+            scope.path("/stop"),
+            vec![("Host", "attacker.example")],
+            403,
+        ),
         ("GET", scope.path("/stop"), vec![], 405),
-        ("POST", format!("{}&window=99", scope.path("/window")), vec![], 400),
-        ("POST", format!("{}&block=-1", scope.path("/hold")), vec![], 404),
+        (
+            "POST",
+            format!("{}&window=99", scope.path("/window")),
+            vec![],
+            400,
+        ),
+        (
+            "POST",
+            format!("{}&block=-1", scope.path("/hold")),
+            vec![],
+            404,
+        ),
         ("GET", scope.path("/nothing"), vec![], 404),
     ] {
-        assert_eq!(scope.asked(method, &path, &headers, b"").0, status, "{method} {path}");
+        assert_eq!(
+            scope.asked(method, &path, &headers, b"").0,
+            status,
+            "{method} {path}"
+        );
     }
     assert!(!like.lock().unwrap().told.iter().any(|line| line == "STOP"));
-    let stops = |like: &Shared| like.lock().unwrap().told.iter().filter(|line| *line == "STOP").count();
+    let stops = |like: &Shared| {
+        like.lock()
+            .unwrap()
+            .told
+            .iter()
+            .filter(|line| *line == "STOP")
+            .count()
+    };
     for nth in 1..=20 {
         assert_eq!(scope.asked("POST", &scope.path("/stop"), &[], b"").0, 200);
         while stops(&like) < nth {
@@ -262,9 +398,12 @@ fn a_fault_is_told_in_words_a_board_that_goes_comes_back_and_stop_is_sent() {
         }
     }
     // The board is not taken for lost because it says that it was stopped.
-    let mut last = state_when(&scope, |state| state["board"]["mode"] == "rest")["block"]["number"].as_u64();
+    let mut last =
+        state_when(&scope, |state| state["board"]["mode"] == "rest")["block"]["number"].as_u64();
     for _ in 0..20 {
-        let state = state_when(&scope, |state| state["connected"] == false || state["block"]["number"].as_u64() > last);
+        let state = state_when(&scope, |state| {
+            state["connected"] == false || state["block"]["number"].as_u64() > last
+        });
         assert_eq!(state["connected"], true, "{state}");
         last = state["block"]["number"].as_u64();
     }
@@ -273,25 +412,55 @@ fn a_fault_is_told_in_words_a_board_that_goes_comes_back_and_stop_is_sent() {
 #[test]
 fn only_this_machine_is_served_and_ctrl_c_ends_it() {
     let folder = tempfile::tempdir().unwrap();
-    common::says(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1", "--listen", "0.0.0.0:0"], folder.path(), "other machines");
-    common::says(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1", "--listen", "here"], folder.path(), "--listen");
+    common::says(
+        &[
+            "board",
+            "scope",
+            "--no-open",
+            "--tcp",
+            "127.0.0.1:1",
+            "--listen",
+            "0.0.0.0:0",
+        ],
+        folder.path(),
+        "other machines",
+    );
+    common::says(
+        &[
+            "board",
+            "scope",
+            "--no-open",
+            "--tcp",
+            "127.0.0.1:1",
+            "--listen",
+            "here",
+        ],
+        folder.path(),
+        "--listen",
+    );
     // No board is there at all: the page reports it, and STOP that it was not sent.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let free = listener.local_addr().unwrap().port();
     drop(listener);
     let mut scope = started(free, folder.path());
     let state = state_when(&scope, |state| state["trouble"] != "");
-    assert!(state["connected"] == false && state["board"].is_null(), "{state}");
+    assert!(
+        state["connected"] == false && state["board"].is_null(),
+        "{state}"
+    );
     // What is no request, or half of one, keeps nobody else waiting.
-    let strangers: Vec<TcpStream> =
-        [&b"\xff\x00 nonsense\r\n\r\n"[..], b"GET / HT", b"POST /stop HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n"]
-            .iter()
-            .map(|bytes| {
-                let mut stream = TcpStream::connect(&scope.host).unwrap();
-                stream.write_all(bytes).unwrap();
-                stream
-            })
-            .collect();
+    let strangers: Vec<TcpStream> = [
+        &b"\xff\x00 nonsense\r\n\r\n"[..],
+        b"GET / HT",
+        b"POST /stop HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n",
+    ]
+    .iter()
+    .map(|bytes| {
+        let mut stream = TcpStream::connect(&scope.host).unwrap();
+        stream.write_all(bytes).unwrap();
+        stream
+    })
+    .collect();
     for _ in 0..50 {
         state_when(&scope, |_| true);
     }
@@ -309,10 +478,26 @@ fn only_this_machine_is_served_and_ctrl_c_ends_it() {
 fn a_board_that_does_not_answer_is_said_on_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
     // Nobody listens on the first port of the machine.
-    let mut scope = Served::started_quietly(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1"], folder.path());
-    state_when(&scope, |state| state["trouble"].as_str().is_some_and(|text| !text.is_empty()));
+    let mut scope = Served::started_quietly(
+        &["board", "scope", "--no-open", "--tcp", "127.0.0.1:1"],
+        folder.path(),
+    );
+    state_when(&scope, |state| {
+        state["trouble"]
+            .as_str()
+            .is_some_and(|text| !text.is_empty())
+    });
     assert!(common::interrupted(&scope.program));
     let mut said = String::new();
-    scope.program.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert!(said.starts_with("127.0.0.1:1: nobody answers there") && said.contains("asked again"), "{said}");
+    scope
+        .program
+        .stderr
+        .take()
+        .unwrap()
+        .read_to_string(&mut said)
+        .unwrap();
+    assert!(
+        said.starts_with("127.0.0.1:1: nobody answers there") && said.contains("asked again"),
+        "{said}"
+    );
 }

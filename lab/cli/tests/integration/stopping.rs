@@ -20,7 +20,10 @@ fn stopped_at_its_first_step(arguments: &[&str], folder: &Path) -> (Output, Stri
     let mut told = String::new();
     said.read_line(&mut told).unwrap();
     assert!(told.contains("fitting"), "{told}");
-    assert!(common::interrupted(&child), "the program had ended already: {told}");
+    assert!(
+        common::interrupted(&child),
+        "the program had ended already: {told}"
+    );
     said.read_to_string(&mut told).unwrap();
     (child.wait_with_output().unwrap(), told)
 }
@@ -31,18 +34,39 @@ fn the_best_so_far_is_written_and_said_as_such() {
     // Work for many seconds, so that it cannot be over before the key is pressed.
     let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/hidden_effect");
     let outputs = ["--out", "m.toml", "--json", "m.json", "--report", "m.html"];
-    let arguments = [&["explain", example, "--verbose", "--from", "gain,delay,vibration"][..], &outputs].concat();
+    let arguments = [
+        &[
+            "explain",
+            example,
+            "--verbose",
+            "--from",
+            "gain,delay,vibration",
+        ][..],
+        &outputs,
+    ]
+    .concat();
     let (output, told) = stopped_at_its_first_step(&arguments, folder.path());
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{told}");
     assert!(told.contains("ending with what is known by now"), "{told}");
-    assert!(text.contains("Stopped: this is the best so far, not the end of the search."), "{text}");
-    let figures: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.path().join("m.json")).unwrap()).unwrap();
+    assert!(
+        text.contains("Stopped: this is the best so far, not the end of the search."),
+        "{text}"
+    );
+    let figures: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("m.json")).unwrap()).unwrap();
     assert_eq!(figures["stopped"], true);
     assert!(folder.path().join("m.html").exists());
     // What was written is a model like any other.
     let compared = common::hysteron(&["compare", "m.toml", example], folder.path());
-    assert!(compared.status.success(), "{}", String::from_utf8_lossy(&compared.stderr));
+    assert!(
+        compared.status.success(),
+        "{}",
+        String::from_utf8_lossy(&compared.stderr)
+    );
     let compared = String::from_utf8_lossy(&compared.stdout).into_owned();
-    assert!(compared.contains("times the noise of ") && compared.contains("`hysteron diagnose`"), "{compared}");
+    assert!(
+        compared.contains("times the noise of ") && compared.contains("`hysteron diagnose`"),
+        "{compared}"
+    );
 }

@@ -70,21 +70,33 @@ pub fn rows_between_news(values: &[f64]) -> Option<usize> {
     let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
     let bends: Vec<f64> = steps.windows(2).map(|w| w[1] - w[0]).collect();
     [steps, bends].into_iter().find_map(|changes| {
-        let at: Vec<usize> = (0..changes.len()).filter(|k| changes[*k].abs() > least).collect();
-        let apart = at.windows(2).map(|w| w[1] - w[0]).fold(0, greatest_common_divisor);
+        let at: Vec<usize> = (0..changes.len())
+            .filter(|k| changes[*k].abs() > least)
+            .collect();
+        let apart = at
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .fold(0, greatest_common_divisor);
         (at.len() >= CHANGES_MIN && apart > 1).then_some(apart)
     })
 }
 
 fn greatest_common_divisor(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+    if b == 0 {
+        a
+    } else {
+        greatest_common_divisor(b, a % b)
+    }
 }
 
 /// Coefficient of correlation, 0 where one of them is constant.
 #[must_use]
 pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len()).max(1) as f64;
-    let (mean_a, mean_b) = a.iter().zip(b).fold((0.0, 0.0), |(sa, sb), (x, y)| (sa + x / n, sb + y / n));
+    let (mean_a, mean_b) = a
+        .iter()
+        .zip(b)
+        .fold((0.0, 0.0), |(sa, sb), (x, y)| (sa + x / n, sb + y / n));
     let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
     for (x, y) in a.iter().zip(b) {
         let (x, y) = (x - mean_a, y - mean_b);
@@ -92,14 +104,21 @@ pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
         bb += y * y;
         ab += x * y;
     }
-    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+    if aa > 0.0 && bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
 }
 
 /// White noise on a signal as a share of its range, from third differences: motion that is slow beside the
 /// sampling does not count.
 #[must_use]
 pub fn noise_share(values: &[f64]) -> f64 {
-    let mut thirds: Vec<f64> = values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
+    let mut thirds: Vec<f64> = values
+        .windows(4)
+        .map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())
+        .collect();
     let range = peak_to_peak(values);
     if thirds.is_empty() || range == 0.0 {
         return 0.0;
@@ -119,14 +138,21 @@ pub fn noise_share(values: &[f64]) -> f64 {
 #[must_use]
 pub fn lead(a: &[f64], b: &[f64]) -> f64 {
     let (mut area, mut path_a, mut path_b) = (0.0, 0.0, 0.0);
-    let (a0, b0) = (a.first().copied().unwrap_or(0.0), b.first().copied().unwrap_or(0.0));
+    let (a0, b0) = (
+        a.first().copied().unwrap_or(0.0),
+        b.first().copied().unwrap_or(0.0),
+    );
     for (x, y) in a.windows(2).zip(b.windows(2)) {
         area += 0.5 * ((x[0] - a0) * (y[1] - b0) - (x[1] - a0) * (y[0] - b0));
         path_a += (x[1] - x[0]).abs();
         path_b += (y[1] - y[0]).abs();
     }
     let most = (path_a * peak_to_peak(b)).min(path_b * peak_to_peak(a));
-    if most > 0.0 { area / most * correlation(a, b).signum() } else { 0.0 }
+    if most > 0.0 {
+        area / most * correlation(a, b).signum()
+    } else {
+        0.0
+    }
 }
 
 /// Which of two signals is the drive.
@@ -148,17 +174,36 @@ pub fn drive_among(a: &[f64], b: &[f64]) -> ColumnJudgement {
     let by_lead = (lead.abs() >= LOOP_MIN).then_some(lead > 0.0);
     let least = 1e-9;
     let ratio = (noise_b + least) / (noise_a + least);
-    let by_noise = (!(1.0 / NOISE_RATIO_MIN..=NOISE_RATIO_MIN).contains(&ratio)).then_some(ratio > 1.0);
+    let by_noise =
+        (!(1.0 / NOISE_RATIO_MIN..=NOISE_RATIO_MIN).contains(&ratio)).then_some(ratio > 1.0);
     let leads = format!("it leads by a loop of {:.1} %", 100.0 * lead.abs());
-    let smooth = format!("it is smoother ({:.1e} against {:.1e} of the range)", noise_a.min(noise_b), noise_a.max(noise_b));
+    let smooth = format!(
+        "it is smoother ({:.1e} against {:.1e} of the range)",
+        noise_a.min(noise_b),
+        noise_a.max(noise_b)
+    );
     let (first_is_drive, why, is_sure) = match (by_lead, by_noise) {
-        (Some(first), Some(same)) if first == same => (first, format!("{leads} and {smooth}"), true),
-        (Some(first), Some(_)) => (first, format!("{leads}, though the other is smoother"), false),
+        (Some(first), Some(same)) if first == same => {
+            (first, format!("{leads} and {smooth}"), true)
+        }
+        (Some(first), Some(_)) => (
+            first,
+            format!("{leads}, though the other is smoother"),
+            false,
+        ),
         (Some(first), None) => (first, leads, true),
         (None, Some(first)) => (first, smooth, true),
-        (None, None) => (true, "neither leads nor is smoother: taken in their order".into(), false),
+        (None, None) => (
+            true,
+            "neither leads nor is smoother: taken in their order".into(),
+            false,
+        ),
     };
-    ColumnJudgement { first_is_drive, why, is_sure }
+    ColumnJudgement {
+        first_is_drive,
+        why,
+        is_sure,
+    }
 }
 
 #[cfg(test)]
@@ -173,15 +218,27 @@ mod tests {
     #[test]
     fn a_sensor_that_is_read_at_every_tenth_row_says_so_held_or_on_lines() {
         let rows = 4000;
-        let values: Vec<f64> = noise(rows, 3).iter().enumerate().map(|(k, e)| (0.01 * k as f64).sin() + 1e-3 * e).collect();
+        let values: Vec<f64> = noise(rows, 3)
+            .iter()
+            .enumerate()
+            .map(|(k, e)| (0.01 * k as f64).sin() + 1e-3 * e)
+            .collect();
         let held: Vec<f64> = (0..rows).map(|k| values[k - k % 10]).collect();
         let next = |k: usize| values[(k - k % 10 + 10).min(rows - 1)];
-        let lines: Vec<f64> = (0..rows).map(|k| held[k] + (k % 10) as f64 / 10.0 * (next(k) - held[k])).collect();
+        let lines: Vec<f64> = (0..rows)
+            .map(|k| held[k] + (k % 10) as f64 / 10.0 * (next(k) - held[k]))
+            .collect();
         let coarse: Vec<f64> = values.iter().map(|v| (v * 100.0).round() / 100.0).collect();
-        assert_eq!([&held[..], &lines[..rows - 10]].map(rows_between_news), [Some(10); 2]);
+        assert_eq!(
+            [&held[..], &lines[..rows - 10]].map(rows_between_news),
+            [Some(10); 2]
+        );
         assert_eq!([&values, &coarse].map(|v| rows_between_news(v)), [None; 2]);
         // Two values of a switch, which change seldom.
-        assert_eq!(rows_between_news(&(0..rows).map(|k| (k / 500 % 2) as f64).collect::<Vec<_>>()), None);
+        assert_eq!(
+            rows_between_news(&(0..rows).map(|k| (k / 500 % 2) as f64).collect::<Vec<_>>()),
+            None
+        );
     }
 
     /// A lag of one radian in thirty, and noise of a thousandth.
@@ -189,7 +246,11 @@ mod tests {
         let n = 4000;
         let u = |k: f64| (k * 0.01).sin() * (1.0 + k * 1e-4);
         let drive = (0..n).map(|k| u(f64::from(k))).collect();
-        let response = noise(n as usize, 3).iter().enumerate().map(|(k, e)| gain * u(k as f64 - 3.0) + 0.001 * e).collect();
+        let response = noise(n as usize, 3)
+            .iter()
+            .enumerate()
+            .map(|(k, e)| gain * u(k as f64 - 3.0) + 0.001 * e)
+            .collect();
         (drive, response)
     }
 
@@ -214,9 +275,13 @@ mod tests {
     fn time_rises_evenly_and_a_ramp_that_turns_does_not() {
         let time: Vec<f64> = (0..500).map(|k| 0.1 * f64::from(k)).collect();
         assert!(rises_evenly(&time));
-        let rounded: Vec<f64> = (0..500).map(|k| (0.005 * f64::from(k) * 100.0).round() / 100.0).collect();
+        let rounded: Vec<f64> = (0..500)
+            .map(|k| (0.005 * f64::from(k) * 100.0).round() / 100.0)
+            .collect();
         assert!(rises_evenly(&rounded));
-        let ramp: Vec<f64> = (0..500).map(|k| 1.0 - (f64::from(k) * 0.004 - 1.0).abs()).collect();
+        let ramp: Vec<f64> = (0..500)
+            .map(|k| 1.0 - (f64::from(k) * 0.004 - 1.0).abs())
+            .collect();
         assert!(!rises_evenly(&ramp));
         let held: Vec<f64> = (0..500).map(|k| f64::from(k).min(300.0)).collect();
         assert!(!rises_evenly(&held));
@@ -225,7 +290,15 @@ mod tests {
 
     #[test]
     fn noise_is_measured_beside_motion() {
-        let moving: Vec<f64> = noise(20_000, 5).iter().enumerate().map(|(k, e)| (k as f64 * 1e-3).sin() * 10.0 + 0.02 * e).collect();
-        assert!((noise_share(&moving) / (0.02 / 20.0) - 1.0).abs() < 0.05, "{}", noise_share(&moving));
+        let moving: Vec<f64> = noise(20_000, 5)
+            .iter()
+            .enumerate()
+            .map(|(k, e)| (k as f64 * 1e-3).sin() * 10.0 + 0.02 * e)
+            .collect();
+        assert!(
+            (noise_share(&moving) / (0.02 / 20.0) - 1.0).abs() < 0.05,
+            "{}",
+            noise_share(&moving)
+        );
     }
 }

@@ -6,7 +6,10 @@ use std::collections::BTreeMap;
 
 /// A column by its name or by its number, counted from 1.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(untagged, expecting = "expected the name of a column, or its number from 1")]
+#[serde(
+    untagged,
+    expecting = "expected the name of a column, or its number from 1"
+)]
 pub enum ColumnName {
     /// Counted from 1.
     Number(usize),
@@ -30,7 +33,12 @@ pub struct PerColumn<T> {
 
 impl<T> Default for PerColumn<T> {
     fn default() -> Self {
-        Self { t: None, u: None, y: None, force: None }
+        Self {
+            t: None,
+            u: None,
+            y: None,
+            force: None,
+        }
     }
 }
 
@@ -60,7 +68,12 @@ impl<T> PerColumn<T> {
     /// The same, with values of `self` before those of `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
-        Self { t: self.t.or(other.t), u: self.u.or(other.u), y: self.y.or(other.y), force: self.force.or(other.force) }
+        Self {
+            t: self.t.or(other.t),
+            u: self.u.or(other.u),
+            y: self.y.or(other.y),
+            force: self.force.or(other.force),
+        }
     }
 }
 

@@ -34,24 +34,39 @@ impl DriveVariety {
             let drive_v = &record.drive_v[record.window.clone()];
             let mut last_turn = drive_v.first().copied().unwrap_or(0.0);
             for w in drive_v.windows(3) {
-                if (w[1] - w[0]) * (w[2] - w[1]) < 0.0 && (w[1] - last_turn).abs() > 0.02 * range_v {
+                if (w[1] - w[0]) * (w[2] - w[1]) < 0.0 && (w[1] - last_turn).abs() > 0.02 * range_v
+                {
                     last_turn = w[1];
-                    if turns_v.iter().all(|turn| (turn - last_turn).abs() > ONE_TURNING_POINT * range_v) {
+                    if turns_v
+                        .iter()
+                        .all(|turn| (turn - last_turn).abs() > ONE_TURNING_POINT * range_v)
+                    {
                         turns_v.push(last_turn);
                     }
                 }
             }
-            let mut speeds: Vec<f64> = drive_v.windows(2).map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz).collect();
+            let mut speeds: Vec<f64> = drive_v
+                .windows(2)
+                .map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz)
+                .collect();
             speeds.sort_by(f64::total_cmp);
             let fast = speeds.get(speeds.len() * 9 / 10).copied().unwrap_or(0.0);
             let moving = &speeds[speeds.partition_point(|speed| *speed <= 0.0)..];
-            let slow = moving.get(moving.len() / 4).copied().unwrap_or(f64::INFINITY);
+            let slow = moving
+                .get(moving.len() / 4)
+                .copied()
+                .unwrap_or(f64::INFINITY);
             varied_within_a_record |= fast > VARIED_SPEED * slow;
             if fast > 0.0 {
                 (speed_min_v_s, speed_max_v_s) = (speed_min_v_s.min(fast), speed_max_v_s.max(fast));
             }
         }
-        Self { turning_points: turns_v.len(), speed_min_v_s, speed_max_v_s, varied_within_a_record }
+        Self {
+            turning_points: turns_v.len(),
+            speed_min_v_s,
+            speed_max_v_s,
+            varied_within_a_record,
+        }
     }
 
     /// The drive turns, and always at the same two voltages.

@@ -9,7 +9,8 @@ use std::path::Path;
 /// Most that is read of one file: a device gives bytes without end.
 const BYTES_MAX: u64 = 2 << 30;
 
-const EXPECTED: &str = "a folder with `dataset.toml`, or one file of numbers (docs/reference/formats.md)";
+const EXPECTED: &str =
+    "a folder with `dataset.toml`, or one file of numbers (docs/reference/formats.md)";
 
 /// The files beside a manifest.
 struct Folder<'a>(&'a Path);
@@ -30,13 +31,31 @@ impl Files for Folder<'_> {
 /// When it does not exist or cannot be read.
 pub fn bytes(path: &Path, expected: &str) -> Result<Vec<u8>> {
     if !path.exists() {
-        return Err(Error::new(path.display(), format!("does not exist; expected {expected}")));
+        return Err(Error::new(
+            path.display(),
+            format!("does not exist; expected {expected}"),
+        ));
     }
-    let wrong = |e: std::io::Error| Error::new(path.display(), format!("cannot be read: {e}; expected {expected}"));
+    let wrong = |e: std::io::Error| {
+        Error::new(
+            path.display(),
+            format!("cannot be read: {e}; expected {expected}"),
+        )
+    };
     let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(wrong)?.take(BYTES_MAX + 1).read_to_end(&mut bytes).map_err(wrong)?;
+    std::fs::File::open(path)
+        .map_err(wrong)?
+        .take(BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(wrong)?;
     if bytes.len() as u64 > BYTES_MAX {
-        return Err(Error::new(path.display(), format!("goes on beyond {} GiB; expected {expected}", BYTES_MAX >> 30)));
+        return Err(Error::new(
+            path.display(),
+            format!(
+                "goes on beyond {} GiB; expected {expected}",
+                BYTES_MAX >> 30
+            ),
+        ));
     }
     Ok(bytes)
 }
@@ -46,7 +65,8 @@ pub fn bytes(path: &Path, expected: &str) -> Result<Vec<u8>> {
 /// # Errors
 /// As [`bytes()`], and when it is no text.
 pub fn text(path: &Path, expected: &str) -> Result<String> {
-    String::from_utf8(bytes(path, expected)?).map_err(|_| Error::new(path.display(), format!("is not text; expected {expected}")))
+    String::from_utf8(bytes(path, expected)?)
+        .map_err(|_| Error::new(path.display(), format!("is not text; expected {expected}")))
 }
 
 /// Reads a folder with `dataset.toml`, a manifest, or one file of numbers. The sources of data set and
@@ -74,7 +94,10 @@ pub fn load_as(path: &Path, instructions: &Instructions) -> Result<Dataset> {
         return load_as(&manifest, instructions);
     }
     let name = path.display().to_string();
-    if path.extension().is_some_and(|extension| extension == "toml") {
+    if path
+        .extension()
+        .is_some_and(|extension| extension == "toml")
+    {
         let folder = path.parent().unwrap_or_else(|| Path::new("."));
         return from_manifest_as(&text(path, EXPECTED)?, &name, &Folder(folder), instructions);
     }

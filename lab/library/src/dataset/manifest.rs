@@ -137,7 +137,12 @@ impl RecordEntry {
     /// What the entry specifies for the columns of the file.
     #[must_use]
     pub fn wanted(&self) -> ColumnRules {
-        ColumnRules { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
+        ColumnRules {
+            columns: self.columns.clone(),
+            unit: self.unit.clone(),
+            scale: self.scale.clone(),
+            auxiliary: self.auxiliary.clone(),
+        }
     }
 }
 
@@ -180,15 +185,30 @@ const NEEDED_OF_A_RECORD: [&str; 3] = ["file", "role", "initial_state"];
 /// Every key that is needed and missing, so that one run tells all of them.
 fn missing_keys(table: &toml::Table) -> Vec<String> {
     let of = |table: &toml::Table, needed: &[&str]| {
-        needed.iter().filter(|key| !table.contains_key(**key)).map(|key| format!("`{key}`")).collect::<Vec<_>>()
+        needed
+            .iter()
+            .filter(|key| !table.contains_key(**key))
+            .map(|key| format!("`{key}`"))
+            .collect::<Vec<_>>()
     };
     let mut out = Vec::new();
     let own = of(table, &NEEDED);
     if !own.is_empty() {
-        out.push(format!("{} (limits in V, beside [[record]])", own.join(", ")));
+        out.push(format!(
+            "{} (limits in V, beside [[record]])",
+            own.join(", ")
+        ));
     }
-    let records = table.get("record").and_then(toml::Value::as_array).cloned().unwrap_or_default();
-    for (i, record) in records.iter().enumerate().filter_map(|(i, record)| Some((i, record.as_table()?))) {
+    let records = table
+        .get("record")
+        .and_then(toml::Value::as_array)
+        .cloned()
+        .unwrap_or_default();
+    for (i, record) in records
+        .iter()
+        .enumerate()
+        .filter_map(|(i, record)| Some((i, record.as_table()?)))
+    {
         let keys = of(record, &NEEDED_OF_A_RECORD);
         if !keys.is_empty() {
             out.push(format!("{} of record {}", keys.join(", "), i + 1));
@@ -205,8 +225,9 @@ impl Manifest {
     pub fn parse(text: &str, place: &str) -> Result<Self> {
         if let Ok(table) = toml::from_str::<toml::Table>(text) {
             if let Some(schema) = table.get("schema").and_then(toml::Value::as_str) {
-                let message =
-                    format!("is a file of schema {schema}, not a data set; expected a dataset.toml with [[record]], or recordings");
+                let message = format!(
+                    "is a file of schema {schema}, not a data set; expected a dataset.toml with [[record]], or recordings"
+                );
                 return Err(Error::new(place, message));
             }
             let missing = missing_keys(&table);
@@ -221,11 +242,22 @@ impl Manifest {
                 .strip_prefix("unknown field `")
                 .and_then(|rest| rest.split('`').next())
                 .map_or_else(String::new, |key| nearest(key, &KEYS.map(String::from)));
-            let brief = if hint.is_empty() { message } else { message.split(", expected").next().unwrap_or_default().to_string() };
+            let brief = if hint.is_empty() {
+                message
+            } else {
+                message
+                    .split(", expected")
+                    .next()
+                    .unwrap_or_default()
+                    .to_string()
+            };
             Error::new(format!("{place}: line {line}"), format!("{brief}{hint}"))
         })?;
         if manifest.record.is_empty() {
-            return Err(Error::new(place, "has no [[record]]; expected at least one"));
+            return Err(Error::new(
+                place,
+                "has no [[record]]; expected at least one",
+            ));
         }
         Ok(manifest)
     }

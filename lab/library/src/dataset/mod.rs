@@ -106,12 +106,22 @@ impl Dataset {
     /// assert!(message.contains("torn"), "{message}");
     /// # Ok::<(), hysteron::Error>(())
     /// ```
-    pub fn new(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Result<Self> {
+    pub fn new(
+        name: impl Into<String>,
+        drive_min_v: f64,
+        drive_max_v: f64,
+        records: Vec<Record>,
+    ) -> Result<Self> {
         Self::unchecked(name, drive_min_v, drive_max_v, records).checked()
     }
 
     /// The same before anything is checked.
-    pub(crate) fn unchecked(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Self {
+    pub(crate) fn unchecked(
+        name: impl Into<String>,
+        drive_min_v: f64,
+        drive_max_v: f64,
+        records: Vec<Record>,
+    ) -> Self {
         let name = name.into();
         Self {
             source: name.clone(),
@@ -131,13 +141,26 @@ impl Dataset {
     /// Notes and issues, in sentences.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        self.notes.iter().cloned().chain(self.issues.iter().map(quality::words::sentence)).collect()
+        self.notes
+            .iter()
+            .cloned()
+            .chain(self.issues.iter().map(quality::words::sentence))
+            .collect()
     }
 
     fn check_names(&self) -> Result<()> {
         for (i, record) in self.records.iter().enumerate() {
-            if self.records[..i].iter().any(|earlier| earlier.name == record.name) {
-                return Err(Error::new(&self.source, format!("two records are called `{}`; expected different names", record.name)));
+            if self.records[..i]
+                .iter()
+                .any(|earlier| earlier.name == record.name)
+            {
+                return Err(Error::new(
+                    &self.source,
+                    format!(
+                        "two records are called `{}`; expected different names",
+                        record.name
+                    ),
+                ));
             }
         }
         Ok(())
@@ -146,12 +169,25 @@ impl Dataset {
     fn check_repeats(&self) -> Result<()> {
         let names: Vec<String> = self.records.iter().map(|r| r.name.clone()).collect();
         for record in &self.records {
-            let Some(original) = &record.repeat_of else { continue };
-            let Some(other) = self.records.iter().find(|r| r.name == *original) else {
-                return Err(Error::new(&record.source, format!("repeat_of = \"{original}\" names no record{}", nearest(original, &names))));
+            let Some(original) = &record.repeat_of else {
+                continue;
             };
-            if other.drive_v.len() != record.drive_v.len() || other.sample_rate_hz != record.sample_rate_hz {
-                return Err(Error::new(&record.source, format!("repeat_of = \"{original}\" has another length or sampling rate")));
+            let Some(other) = self.records.iter().find(|r| r.name == *original) else {
+                return Err(Error::new(
+                    &record.source,
+                    format!(
+                        "repeat_of = \"{original}\" names no record{}",
+                        nearest(original, &names)
+                    ),
+                ));
+            };
+            if other.drive_v.len() != record.drive_v.len()
+                || other.sample_rate_hz != record.sample_rate_hz
+            {
+                return Err(Error::new(
+                    &record.source,
+                    format!("repeat_of = \"{original}\" has another length or sampling rate"),
+                ));
             }
         }
         Ok(())
@@ -167,12 +203,27 @@ impl Dataset {
         }
         self.check_repeats()?;
         let place = &self.source;
-        let sheet = [("sensor_bandwidth_hz", self.sensor_bandwidth_hz), ("sensor_lsb_um", self.sensor_lsb_um)];
-        if let Some((key, value)) = sheet.iter().find_map(|(key, v)| v.filter(|v| !(v.is_finite() && *v > 0.0)).map(|v| (key, v))) {
-            return Err(Error::new(place, format!("{key} = {value}; expected a positive number")));
+        let sheet = [
+            ("sensor_bandwidth_hz", self.sensor_bandwidth_hz),
+            ("sensor_lsb_um", self.sensor_lsb_um),
+        ];
+        if let Some((key, value)) = sheet
+            .iter()
+            .find_map(|(key, v)| v.filter(|v| !(v.is_finite() && *v > 0.0)).map(|v| (key, v)))
+        {
+            return Err(Error::new(
+                place,
+                format!("{key} = {value}; expected a positive number"),
+            ));
         }
-        if let Some(limit) = [self.drive_min_v, self.drive_max_v].into_iter().find(|v| !v.is_finite()) {
-            return Err(Error::new(place, format!("a limit of the drive is {limit} V; expected a finite number")));
+        if let Some(limit) = [self.drive_min_v, self.drive_max_v]
+            .into_iter()
+            .find(|v| !v.is_finite())
+        {
+            return Err(Error::new(
+                place,
+                format!("a limit of the drive is {limit} V; expected a finite number"),
+            ));
         }
         if self.drive_min_v.partial_cmp(&self.drive_max_v) != Some(std::cmp::Ordering::Less) {
             return Err(Error::new(
@@ -186,7 +237,10 @@ impl Dataset {
         self = quality::check_made(self)?;
         let place = &self.source;
         if !self.records.iter().any(|r| r.role != Role::Noise) {
-            return Err(Error::new(place, "no record has role = \"identify\" or \"validate\"; expected at least one"));
+            return Err(Error::new(
+                place,
+                "no record has role = \"identify\" or \"validate\"; expected at least one",
+            ));
         }
         let tolerance = 1e-6 + 0.05 * (self.drive_max_v - self.drive_min_v);
         for record in &self.records {
@@ -194,7 +248,10 @@ impl Dataset {
             if record.window.len() < SAMPLES_MIN {
                 return Err(Error::new(
                     place,
-                    format!("has {} samples inside its window; expected at least {SAMPLES_MIN}", record.window.len()),
+                    format!(
+                        "has {} samples inside its window; expected at least {SAMPLES_MIN}",
+                        record.window.len()
+                    ),
                 ));
             }
             for (row, u) in record.drive_v.iter().enumerate() {
@@ -214,7 +271,11 @@ impl Dataset {
                 (0, InitialState::Virgin) => self.drive_min_v,
                 (start, _) => record.drive_v[start.saturating_sub(1)],
             };
-            if record.role != Role::Noise && record.drive_v[record.window.clone()].iter().all(|u| *u == first) {
+            if record.role != Role::Noise
+                && record.drive_v[record.window.clone()]
+                    .iter()
+                    .all(|u| *u == first)
+            {
                 return Err(Error::new(
                     place,
                     format!(
@@ -224,10 +285,17 @@ impl Dataset {
                 ));
             }
             let y0 = record.displacement_um[record.window.start];
-            if record.role != Role::Noise && record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
+            if record.role != Role::Noise
+                && record.displacement_um[record.window.clone()]
+                    .iter()
+                    .all(|y| *y == y0)
+            {
                 return Err(Error::new(
                     place,
-                    format!("the displacement is constant ({y0} um) in record {}; is the sensor connected, the column right?", record.name),
+                    format!(
+                        "the displacement is constant ({y0} um) in record {}; is the sensor connected, the column right?",
+                        record.name
+                    ),
                 ));
             }
         }
@@ -237,24 +305,44 @@ impl Dataset {
     /// Indices of the records with a role.
     #[must_use]
     pub fn with_role(&self, role: Role) -> Vec<usize> {
-        (0..self.records.len()).filter(|&i| self.records[i].role == role).collect()
+        (0..self.records.len())
+            .filter(|&i| self.records[i].role == role)
+            .collect()
     }
 
     /// What is known before anything is fitted.
     #[must_use]
     pub fn overview(&self) -> Overview {
         let identify = self.with_role(Role::Identify);
-        let fitted = if identify.is_empty() { self.with_role(Role::Validate) } else { identify };
-        let driven = || self.records.iter().filter(|r| r.role != Role::Noise && r.role != Role::Test);
+        let fitted = if identify.is_empty() {
+            self.with_role(Role::Validate)
+        } else {
+            identify
+        };
+        let driven = || {
+            self.records
+                .iter()
+                .filter(|r| r.role != Role::Noise && r.role != Role::Test)
+        };
         let fold = |f: &dyn Fn(&Record) -> f64| driven().map(f).fold(0.0_f64, f64::max);
-        let slope = |r: &Record| r.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) * r.sample_rate_hz;
+        let slope = |r: &Record| {
+            r.drive_v
+                .windows(2)
+                .map(|w| (w[1] - w[0]).abs())
+                .fold(0.0, f64::max)
+                * r.sample_rate_hz
+        };
         let range_um = fold(&Record::range_um);
         Overview {
             drive_min_v: self.drive_min_v,
             drive_max_v: self.drive_max_v,
-            drive_peak_v: driven().flat_map(|r| r.drive_v.iter().copied()).fold(self.drive_min_v, f64::max),
+            drive_peak_v: driven()
+                .flat_map(|r| r.drive_v.iter().copied())
+                .fold(self.drive_min_v, f64::max),
             sample_rate_max_hz: fold(&|r| r.sample_rate_hz),
-            sample_rate_min_hz: driven().map(|r| r.sample_rate_hz).fold(f64::INFINITY, f64::min),
+            sample_rate_min_hz: driven()
+                .map(|r| r.sample_rate_hz)
+                .fold(f64::INFINITY, f64::min),
             duration_s: fold(&|r| r.drive_v.len() as f64 / r.sample_rate_hz),
             range_um,
             slope_max_v_s: fold(&slope),
@@ -263,7 +351,8 @@ impl Dataset {
             sensor_bandwidth_hz: self.sensor_bandwidth_hz,
             // Held-out records may move at other speeds; without any, one speed says nothing about the
             // others.
-            several_speeds: !self.with_role(Role::Validate).is_empty() && !self.with_role(Role::Identify).is_empty()
+            several_speeds: !self.with_role(Role::Validate).is_empty()
+                && !self.with_role(Role::Identify).is_empty()
                 || !drive_variety::DriveVariety::of(self, &fitted).one_speed(),
         }
     }
@@ -271,7 +360,11 @@ impl Dataset {
     /// The same to the last digit whatever the order of the records: a search takes another way where a
     /// single one differs.
     pub(crate) fn straight_line_gain(&self) -> f64 {
-        let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
+        let to_fit = if self.with_role(Role::Identify).is_empty() {
+            Role::Validate
+        } else {
+            Role::Identify
+        };
         let mut fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
         fitted.sort_by(|a, b| a.name.cmp(&b.name));
         let (mut uu, mut uy) = (0.0, 0.0);
@@ -296,18 +389,35 @@ fn check_signals(record: &Record) -> Result<()> {
     let wrong = |message: String| Err(Error::new(&record.source, message));
     let samples = record.drive_v.len();
     if !(record.sample_rate_hz.is_finite() && record.sample_rate_hz > 0.0) {
-        return wrong(format!("sample_rate_hz = {}; expected a positive number", record.sample_rate_hz));
+        return wrong(format!(
+            "sample_rate_hz = {}; expected a positive number",
+            record.sample_rate_hz
+        ));
     }
     let force = record.force_n.as_deref();
-    let signals = [("drive", Some(&record.drive_v[..])), ("displacement", Some(&record.displacement_um[..])), ("force", force)];
-    let auxiliary = record.auxiliary.iter().map(|signal| (signal.name.as_str(), Some(&signal.values[..])));
+    let signals = [
+        ("drive", Some(&record.drive_v[..])),
+        ("displacement", Some(&record.displacement_um[..])),
+        ("force", force),
+    ];
+    let auxiliary = record
+        .auxiliary
+        .iter()
+        .map(|signal| (signal.name.as_str(), Some(&signal.values[..])));
     for (what, signal) in signals.into_iter().chain(auxiliary) {
         let Some(signal) = signal else { continue };
         if signal.len() != samples {
-            return wrong(format!("the drive has {samples} samples, the {what} {}; expected as many", signal.len()));
+            return wrong(format!(
+                "the drive has {samples} samples, the {what} {}; expected as many",
+                signal.len()
+            ));
         }
         if let Some(at) = signal.iter().position(|v| !v.is_finite()) {
-            return wrong(format!("sample {}: {what} {}; expected a finite number", at + 1, signal[at]));
+            return wrong(format!(
+                "sample {}: {what} {}; expected a finite number",
+                at + 1,
+                signal[at]
+            ));
         }
     }
     if record.sample_rate_hz < RATE_MIN_HZ {
@@ -317,13 +427,26 @@ fn check_signals(record: &Record) -> Result<()> {
         ));
     }
     if samples < SAMPLES_MIN {
-        return wrong(format!("has {samples} samples; expected at least {SAMPLES_MIN}"));
+        return wrong(format!(
+            "has {samples} samples; expected at least {SAMPLES_MIN}"
+        ));
     }
     if record.window.start >= record.window.end || record.window.end > samples {
-        return wrong(format!("the window {:?} is not inside the {samples} samples", record.window));
+        return wrong(format!(
+            "the window {:?} is not inside the {samples} samples",
+            record.window
+        ));
     }
-    if let Some(p) = record.periods.filter(|p| p.length < 2 || p.count == 0 || p.from + p.length * p.count > samples) {
-        return wrong(format!("{} periods of {} samples from sample {} do not fit into {samples}", p.count, p.length, p.from + 1));
+    if let Some(p) = record
+        .periods
+        .filter(|p| p.length < 2 || p.count == 0 || p.from + p.length * p.count > samples)
+    {
+        return wrong(format!(
+            "{} periods of {} samples from sample {} do not fit into {samples}",
+            p.count,
+            p.length,
+            p.from + 1
+        ));
     }
     Ok(())
 }

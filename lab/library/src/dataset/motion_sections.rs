@@ -67,11 +67,17 @@ pub(super) fn runs_of_steps(drive_v: &[f64], holds: &[Range<usize>]) -> Vec<Step
     for hold in holds {
         let follows = |run: &&mut Steps| {
             let before = &run.holds[run.holds.len() - 1];
-            is_step(drive_v, before.end..hold.start, before.len().min(hold.len()))
+            is_step(
+                drive_v,
+                before.end..hold.start,
+                before.len().min(hold.len()),
+            )
         };
         match runs.last_mut().filter(follows) {
             Some(run) => run.holds.push(hold.clone()),
-            None => runs.push(Steps { holds: vec![hold.clone()] }),
+            None => runs.push(Steps {
+                holds: vec![hold.clone()],
+            }),
         }
     }
     runs.retain(|run| run.holds.len() > 1);
@@ -85,14 +91,24 @@ fn is_step(drive_v: &[f64], way: Range<usize>, stays: usize) -> bool {
 
 /// Sections of the motion, of which `holds` are known, and how many kinds of it there are. None where it
 /// rests throughout.
-pub(super) fn sections(drive_v: &[f64], motion: Range<usize>, holds: &[Range<usize>]) -> (usize, Vec<Section>) {
-    let holds: Vec<Range<usize>> =
-        holds.iter().map(|h| h.start.max(motion.start)..h.end.min(motion.end)).filter(|h| !h.is_empty()).collect();
+pub(super) fn sections(
+    drive_v: &[f64],
+    motion: Range<usize>,
+    holds: &[Range<usize>],
+) -> (usize, Vec<Section>) {
+    let holds: Vec<Range<usize>> = holds
+        .iter()
+        .map(|h| h.start.max(motion.start)..h.end.min(motion.end))
+        .filter(|h| !h.is_empty())
+        .collect();
     let mut runs = runs_of_steps(drive_v, &holds);
     let moving = |within: Range<usize>| -> Vec<usize> {
         let mut at = within.start;
         let mut samples = Vec::new();
-        for hold in holds.iter().filter(|hold| hold.start < within.end && hold.end > within.start) {
+        for hold in holds
+            .iter()
+            .filter(|hold| hold.start < within.end && hold.end > within.start)
+        {
             samples.extend(at..hold.start.max(at));
             at = at.max(hold.end);
         }
@@ -101,7 +117,9 @@ pub(super) fn sections(drive_v: &[f64], motion: Range<usize>, holds: &[Range<usi
     };
     // One step to where the drive stays is all that it does.
     if runs.is_empty() && moving(motion.clone()).is_empty() {
-        runs.extend((!holds.is_empty()).then(|| Steps { holds: holds.clone() }));
+        runs.extend((!holds.is_empty()).then(|| Steps {
+            holds: holds.clone(),
+        }));
     }
     // Too many turns from one to the other: what moves tells where to cut, as well as can be.
     if 2 * runs.len() > SECTIONS_MAX {
@@ -109,10 +127,19 @@ pub(super) fn sections(drive_v: &[f64], motion: Range<usize>, holds: &[Range<usi
     }
     let is_way = |way: &Range<usize>, stays: usize| is_step(drive_v, way.clone(), stays);
     let begins = runs.iter().map(|run| run.span().end);
-    let before: Vec<Range<usize>> = std::iter::once(motion.start).chain(begins).zip(&runs).map(|(at, run)| at..run.span().start).collect();
+    let before: Vec<Range<usize>> = std::iter::once(motion.start)
+        .chain(begins)
+        .zip(&runs)
+        .map(|(at, run)| at..run.span().start)
+        .collect();
     let behind = runs.last().map_or(motion.start, |run| run.span().end)..motion.end;
     let behind_moves = runs.is_empty() || !is_way(&behind, behind.len());
-    let others = before.iter().zip(&runs).filter(|(way, run)| !is_way(way, run.holds[0].len())).count() + usize::from(behind_moves);
+    let others = before
+        .iter()
+        .zip(&runs)
+        .filter(|(way, run)| !is_way(way, run.holds[0].len()))
+        .count()
+        + usize::from(behind_moves);
     let most = ((SECTIONS_MAX - runs.len()) / others.max(1)).max(1);
     let mut found: Vec<Section> = Vec::new();
     for (way, run) in before.iter().zip(&runs) {
@@ -126,13 +153,19 @@ pub(super) fn sections(drive_v: &[f64], motion: Range<usize>, holds: &[Range<usi
             0 => hold.start.saturating_sub(1),
             _ => run.holds[i - 1].end - 1,
         });
-        found.push(Section { cuts: steps.collect(), part_min: 1 });
+        found.push(Section {
+            cuts: steps.collect(),
+            part_min: 1,
+        });
     }
     if behind_moves {
         found.extend(alike(drive_v, moving(behind), most));
     }
     let kinds = found.len();
-    (kinds, with_the_loops_of_both_halves(drive_v, found, motion.end))
+    (
+        kinds,
+        with_the_loops_of_both_halves(drive_v, found, motion.end),
+    )
 }
 
 /// Sections of the samples at which a drive moves, in which it does so at like speeds and over like widths.
@@ -141,17 +174,30 @@ fn alike(drive_v: &[f64], moving: Vec<usize>, most: usize) -> Vec<Section> {
     if inside.is_empty() {
         return Vec::new();
     }
-    let frame = (inside.len() / FRAMES).max(2 * time_between_turns(&inside)).max(PART_MIN / 2);
+    let frame = (inside.len() / FRAMES)
+        .max(2 * time_between_turns(&inside))
+        .max(PART_MIN / 2);
     let frames: Vec<&[f64]> = inside.chunks_exact(frame.min(inside.len())).collect();
     let speed = |f: &[f64]| f.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / f.len() as f64;
     let floor = 1e-3 * peak_to_peak(&inside);
-    let features: Vec<[f64; 2]> =
-        frames.iter().map(|f| [(speed(f) + floor / f.len() as f64).ln(), (peak_to_peak(f) + floor).ln()]).collect();
+    let features: Vec<[f64; 2]> = frames
+        .iter()
+        .map(|f| {
+            [
+                (speed(f) + floor / f.len() as f64).ln(),
+                (peak_to_peak(f) + floor).ln(),
+            ]
+        })
+        .collect();
     let mut bounds = vec![0];
     let mut reference = features.first().copied().unwrap_or_default();
     for (i, feature) in features.iter().enumerate().skip(1) {
         let next = features.get(i + 1).unwrap_or(feature);
-        let is_other = |f: &[f64; 2]| f.iter().zip(&reference).any(|(a, b)| (a - b).abs() > ANOTHER_KIND.ln());
+        let is_other = |f: &[f64; 2]| {
+            f.iter()
+                .zip(&reference)
+                .any(|(a, b)| (a - b).abs() > ANOTHER_KIND.ln())
+        };
         if is_other(feature) && is_other(next) {
             bounds.push(i);
             reference = *feature;
@@ -160,17 +206,28 @@ fn alike(drive_v: &[f64], moving: Vec<usize>, most: usize) -> Vec<Section> {
     // Sections too short to be worth two parts join the one before.
     let shortest = (2 * PART_MIN.div_ceil(frame).max(1)).max(features.len() / SECTION_MIN);
     bounds.dedup_by(|later, earlier| *later - *earlier < shortest);
-    if bounds.len() > most || bounds.last().is_some_and(|last| features.len() - last < shortest) && bounds.len() > 1 {
+    if bounds.len() > most
+        || bounds
+            .last()
+            .is_some_and(|last| features.len() - last < shortest)
+            && bounds.len() > 1
+    {
         bounds.pop();
     }
     if bounds.len() > most {
         // Many kinds: even sections have all of them on both sides as well as can be.
         bounds = (0..most).map(|i| i * features.len() / most).collect();
     }
-    let ends = bounds[1..].iter().map(|frame_index| frame_index * frame).chain([moving.len()]);
+    let ends = bounds[1..]
+        .iter()
+        .map(|frame_index| frame_index * frame)
+        .chain([moving.len()]);
     let mut start = 0;
     ends.map(|end| {
-        let section = Section { cuts: moving[start..end].to_vec(), part_min: PART_MIN };
+        let section = Section {
+            cuts: moving[start..end].to_vec(),
+            part_min: PART_MIN,
+        };
         start = end;
         section
     })
@@ -179,18 +236,41 @@ fn alike(drive_v: &[f64], moving: Vec<usize>, most: usize) -> Vec<Section> {
 
 /// Cuts the longest section whose halves turn at different voltages into as many even pieces as there may be
 /// more of.
-fn with_the_loops_of_both_halves(drive_v: &[f64], sections: Vec<Section>, end: usize) -> Vec<Section> {
-    let ends: Vec<usize> = sections.iter().skip(1).map(Section::start).chain([end]).collect();
+fn with_the_loops_of_both_halves(
+    drive_v: &[f64],
+    sections: Vec<Section>,
+    end: usize,
+) -> Vec<Section> {
+    let ends: Vec<usize> = sections
+        .iter()
+        .skip(1)
+        .map(Section::start)
+        .chain([end])
+        .collect();
     let length = |i: &usize| ends[*i] - sections[*i].start();
     let uneven = |i: &usize| has_other_loops_in_its_halves(drive_v, &sections[*i], ends[*i]);
-    let Some(longest) = (0..sections.len()).filter(uneven).max_by_key(length) else { return sections };
+    let Some(longest) = (0..sections.len()).filter(uneven).max_by_key(length) else {
+        return sections;
+    };
     let (cuts, part_min) = (&sections[longest].cuts, sections[longest].part_min);
-    let most = (SECTIONS_MAX + 1).saturating_sub(sections.len()).min(cuts.len() / (2 * part_min)).max(1);
-    let at = |of: usize, pieces: usize| cuts.get(of * cuts.len() / pieces).copied().unwrap_or(ends[longest]);
+    let most = (SECTIONS_MAX + 1)
+        .saturating_sub(sections.len())
+        .min(cuts.len() / (2 * part_min))
+        .max(1);
+    let at = |of: usize, pieces: usize| {
+        cuts.get(of * cuts.len() / pieces)
+            .copied()
+            .unwrap_or(ends[longest])
+    };
     // Half a piece is a part of its own, and has to move.
-    let each_moves = |pieces: &usize| (0..2 * pieces).all(|half| moves(&drive_v[at(half, 2 * pieces)..at(half + 1, 2 * pieces)]));
+    let each_moves = |pieces: &usize| {
+        (0..2 * pieces).all(|half| moves(&drive_v[at(half, 2 * pieces)..at(half + 1, 2 * pieces)]))
+    };
     let pieces = (1..=most).rev().find(each_moves).unwrap_or(1);
-    let piece = |i: usize| Section { cuts: cuts[i * cuts.len() / pieces..(i + 1) * cuts.len() / pieces].to_vec(), part_min };
+    let piece = |i: usize| Section {
+        cuts: cuts[i * cuts.len() / pieces..(i + 1) * cuts.len() / pieces].to_vec(),
+        part_min,
+    };
     let cut: Vec<Section> = (0..pieces).map(piece).collect();
     [&sections[..longest], &cut, &sections[longest + 1..]].concat()
 }
@@ -201,7 +281,10 @@ fn has_other_loops_in_its_halves(drive_v: &[f64], section: &Section, end: usize)
     let same = SAME_TURN * peak_to_peak(inside);
     let middle = section.middle() - section.start();
     let (early, late): (Vec<_>, Vec<_>) = turns(inside).into_iter().partition(|(k, _)| *k < middle);
-    let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| one.iter().any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same));
+    let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| {
+        one.iter()
+            .any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same))
+    };
     (early.len() + late.len() > 1) && (lacks(&early, &late) || lacks(&late, &early))
 }
 
@@ -213,7 +296,11 @@ pub(super) fn moves(signal: &[f64]) -> bool {
 /// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.
 fn turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
     let limit = 0.1 * peak_to_peak(drive_v);
-    let (mut turns, mut rising, mut extreme) = (Vec::new(), true, (0, drive_v.first().copied().unwrap_or(0.0)));
+    let (mut turns, mut rising, mut extreme) = (
+        Vec::new(),
+        true,
+        (0, drive_v.first().copied().unwrap_or(0.0)),
+    );
     for (k, &u) in drive_v.iter().enumerate() {
         if (rising && u > extreme.1) || (!rising && u < extreme.1) {
             extreme = (k, u);
@@ -240,16 +327,41 @@ mod tests {
 
     #[test]
     fn holds_with_steps_between_them_are_a_run_and_one_amid_motion_is_none() {
-        let sine = |samples: usize| (0..samples).map(|k| 20.0 + 20.0 * (k as f64 * 0.05).sin()).collect::<Vec<_>>();
+        let sine = |samples: usize| {
+            (0..samples)
+                .map(|k| 20.0 + 20.0 * (k as f64 * 0.05).sin())
+                .collect::<Vec<_>>()
+        };
         let ramp: Vec<f64> = (0..300).map(|k| 20.0 + 0.1 * f64::from(k)).collect();
-        let drive =
-            [sine(2000), held(20.0, 500), sine(2000), held(20.0, 500), held(40.0, 400), held(20.0, 400), ramp, held(50.0, 400)].concat();
+        let drive = [
+            sine(2000),
+            held(20.0, 500),
+            sine(2000),
+            held(20.0, 500),
+            held(40.0, 400),
+            held(20.0, 400),
+            ramp,
+            held(50.0, 400),
+        ]
+        .concat();
         let holds = [2000..2500, 4500..5000, 5000..5400, 5400..5800, 6100..6500];
-        assert_eq!(runs_of_steps(&drive, &holds), [Steps { holds: holds[1..].to_vec() }]);
+        assert_eq!(
+            runs_of_steps(&drive, &holds),
+            [Steps {
+                holds: holds[1..].to_vec()
+            }]
+        );
         let (kinds, sections) = sections(&drive, 0..drive.len(), &holds);
         assert_eq!(kinds, 2, "{sections:?}");
-        assert_eq!(sections[0].middle(), 2500, "the hold amid the sines goes with what is before it");
-        let steps: Vec<usize> = sections[1..].iter().flat_map(|section| section.cuts.clone()).collect();
+        assert_eq!(
+            sections[0].middle(),
+            2500,
+            "the hold amid the sines goes with what is before it"
+        );
+        let steps: Vec<usize> = sections[1..]
+            .iter()
+            .flat_map(|section| section.cuts.clone())
+            .collect();
         assert_eq!(steps, [4499, 4999, 5399, 5799]);
     }
 

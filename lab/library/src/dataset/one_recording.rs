@@ -42,14 +42,25 @@ pub struct Parts {
 pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts {
     let samples = drive_v.len();
     let seconds = |k: usize| k as f64 / sample_rate_hz;
-    let mut parts = Parts { windows: Vec::new(), notes: Vec::new() };
-    let holds = holds(drive_v, reading_um, ((REST_MIN_S * sample_rate_hz) as usize).max(REST_MIN));
-    let beginning = holds.first().filter(|hold| hold.end < samples && hold.start <= samples / BEGINNING);
+    let mut parts = Parts {
+        windows: Vec::new(),
+        notes: Vec::new(),
+    };
+    let holds = holds(
+        drive_v,
+        reading_um,
+        ((REST_MIN_S * sample_rate_hz) as usize).max(REST_MIN),
+    );
+    let beginning = holds
+        .first()
+        .filter(|hold| hold.end < samples && hold.start <= samples / BEGINNING);
     let later = &holds[usize::from(beginning.is_some())..];
     // Holds between steps are the response, and the last of them is no rest either.
     let steps = runs_of_steps(drive_v, later);
     let is_response = |hold: &Range<usize>| steps.iter().any(|run| run.contains(hold));
-    let end = later.last().filter(|hold| samples - hold.end <= samples / BEGINNING && !is_response(hold));
+    let end = later
+        .last()
+        .filter(|hold| samples - hold.end <= samples / BEGINNING && !is_response(hold));
     // Where it moves nowhere else, it jumps to where it stays.
     let end = end.filter(|hold| moves(&drive_v[beginning.map_or(0, |hold| hold.end)..hold.start]));
     let held: usize = holds.iter().map(Range::len).sum();
@@ -58,8 +69,16 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
         let is_last = later.last() == Some(*hold) && samples - hold.end <= samples / BEGINNING;
         !is_response(hold) && (!is_last || end == Some(*hold))
     };
-    let rest = holds.iter().filter(shows_noise).max_by_key(|hold| hold.len());
-    if let Some(hold) = rest.or_else(|| holds.iter().max_by_key(|hold| hold.len()).filter(|_| mostly_moves)) {
+    let rest = holds
+        .iter()
+        .filter(shows_noise)
+        .max_by_key(|hold| hold.len());
+    if let Some(hold) = rest.or_else(|| {
+        holds
+            .iter()
+            .max_by_key(|hold| hold.len())
+            .filter(|_| mostly_moves)
+    }) {
         let from = hold.start + (REST_LEFT_OUT * hold.len() as f64) as usize;
         parts.windows.push((Role::Noise, from..hold.end));
         parts.notes.push(format!(
@@ -75,7 +94,9 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
             "the beginning up to {:.3} s, where the drive comes to rest, drives the model and is not fitted",
             seconds(first)
         ));
-    } else if let Some(after) = switched_on(drive_v).filter(|after| moves(&drive_v[(*after).min(samples)..])) {
+    } else if let Some(after) =
+        switched_on(drive_v).filter(|after| moves(&drive_v[(*after).min(samples)..]))
+    {
         first = after;
         parts.notes.push(format!(
             "the drive jumps at {:.3} s, as when an amplifier is switched on: it drives the model, what follows is fitted",
@@ -83,7 +104,10 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
         ));
     }
     if let Some(end) = end {
-        parts.notes.push(format!("the end from {:.3} s, where the drive rests, is not fitted", seconds(end.start)));
+        parts.notes.push(format!(
+            "the end from {:.3} s, where the drive rests, is not fitted",
+            seconds(end.start)
+        ));
     }
     let motion = first..end.map_or(samples, |hold| hold.start);
     let (kinds, sections) = sections(drive_v, motion.clone(), later);
@@ -92,16 +116,23 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
     let windows = that_move(cut, drive_v, reading_um, motion);
     let listed = |role: Role| {
         let of_role = windows.iter().filter(|(other, _)| *other == role);
-        of_role.map(|(_, w)| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end))).collect::<Vec<_>>().join(", ")
+        of_role
+            .map(|(_, w)| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end)))
+            .collect::<Vec<_>>()
+            .join(", ")
     };
     let kinds = match (kinds, sections.len()) {
-        _ if windows.len() < count || sections.iter().any(|section| section.cuts.len() < 2) => String::new(),
+        _ if windows.len() < count || sections.iter().any(|section| section.cuts.len() < 2) => {
+            String::new()
+        }
         (1, 1) => String::new(),
         (1, _) => " (its loops differ, so that there are some on both sides)".into(),
         (kinds, _) => format!(" ({kinds} kinds of motion, each on both sides)"),
     };
     let held_out = match listed(Role::Validate) {
-        none if none.is_empty() => "nothing is held out, since there is too little motion for two parts".into(),
+        none if none.is_empty() => {
+            "nothing is held out, since there is too little motion for two parts".into()
+        }
         some => format!("held out {some}{kinds}"),
     };
     parts.notes.push(format!(
@@ -120,7 +151,10 @@ fn in_turns(sections: &[Section], end: usize) -> Vec<(Role, Range<usize>)> {
         let end = sections.get(i + 1).map_or(end, Section::start);
         let middle = section.middle();
         // One step alone cannot be cut, and goes with what is before it.
-        let halves: Vec<Range<usize>> = [section.start()..middle, middle..end].into_iter().filter(|half| !half.is_empty()).collect();
+        let halves: Vec<Range<usize>> = [section.start()..middle, middle..end]
+            .into_iter()
+            .filter(|half| !half.is_empty())
+            .collect();
         if halves.len() == 1 && !windows.is_empty() {
             role = other(role);
         }
@@ -138,13 +172,24 @@ fn in_turns(sections: &[Section], end: usize) -> Vec<(Role, Range<usize>)> {
 }
 
 fn other(role: Role) -> Role {
-    if role == Role::Identify { Role::Validate } else { Role::Identify }
+    if role == Role::Identify {
+        Role::Validate
+    } else {
+        Role::Identify
+    }
 }
 
 /// Windows in which drive and reading move and that are long enough; any other window belongs to its
 /// neighbour.
-fn that_move(cut: Vec<(Role, Range<usize>)>, drive_v: &[f64], reading_um: &[f64], motion: Range<usize>) -> Vec<(Role, Range<usize>)> {
-    let is_part = |w: &Range<usize>| w.len() >= SAMPLES_MIN && moves(&drive_v[w.clone()]) && moves(&reading_um[w.clone()]);
+fn that_move(
+    cut: Vec<(Role, Range<usize>)>,
+    drive_v: &[f64],
+    reading_um: &[f64],
+    motion: Range<usize>,
+) -> Vec<(Role, Range<usize>)> {
+    let is_part = |w: &Range<usize>| {
+        w.len() >= SAMPLES_MIN && moves(&drive_v[w.clone()]) && moves(&reading_um[w.clone()])
+    };
     let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
     for (role, range) in cut {
         match windows.last_mut() {
@@ -170,7 +215,9 @@ fn that_move(cut: Vec<(Role, Range<usize>)>, drive_v: &[f64], reading_um: &[f64]
 /// The sample after the last of a few jumps early in a drive that is smooth otherwise.
 fn switched_on(drive_v: &[f64]) -> Option<usize> {
     let limit = JUMP * peak_to_peak(drive_v);
-    let jumps: Vec<usize> = (1..drive_v.len()).filter(|&k| (drive_v[k] - drive_v[k - 1]).abs() > limit).collect();
+    let jumps: Vec<usize> = (1..drive_v.len())
+        .filter(|&k| (drive_v[k] - drive_v[k - 1]).abs() > limit)
+        .collect();
     let last = *jumps.last()?;
     // The transient dies out over some tenth of the record at most.
     (jumps.len() <= JUMPS_MAX && last < drive_v.len() / 3).then_some(last + 1 + drive_v.len() / 20)
@@ -185,36 +232,73 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
         role,
         force_n: even.force_n.clone(),
         auxiliary: even.auxiliary.clone(),
-        ..Record::new(format!("{name}_{word}"), even.sample_rate_hz, even.u_v.clone(), even.y_um.clone())
+        ..Record::new(
+            format!("{name}_{word}"),
+            even.sample_rate_hz,
+            even.u_v.clone(),
+            even.y_um.clone(),
+        )
     };
-    let windows = |role: Role| parts.windows.iter().filter(move |(other, _)| *other == role).map(|(_, window)| window.clone());
+    let windows = |role: Role| {
+        parts
+            .windows
+            .iter()
+            .filter(move |(other, _)| *other == role)
+            .map(|(_, window)| window.clone())
+    };
     // A rest in which the reading does not move shows no noise.
-    let shows_noise = |window: &Range<usize>| even.y_um[window.clone()].iter().any(|y| *y != even.y_um[window.start]);
+    let shows_noise = |window: &Range<usize>| {
+        even.y_um[window.clone()]
+            .iter()
+            .any(|y| *y != even.y_um[window.start])
+    };
     let rests = windows(Role::Noise).filter(shows_noise).map(|window| {
         // Rest needs no history: what is before it does not show in the noise.
-        Record { window: 0..window.len(), ..cut(whole("rest", Role::Noise), window) }
+        Record {
+            window: 0..window.len(),
+            ..cut(whole("rest", Role::Noise), window)
+        }
     });
     let of_role = |(word, role): (&str, Role)| {
         let (first, last) = (windows(role).next()?, windows(role).next_back()?);
         let mut record = Record {
             window: first.start..last.end,
-            initial_state: if begins_standing_still(&even.u_v) { InitialState::Settled } else { InitialState::Unknown },
+            initial_state: if begins_standing_still(&even.u_v) {
+                InitialState::Settled
+            } else {
+                InitialState::Unknown
+            },
             state_is_assumed: true,
             ..whole(word, role)
         };
-        let gaps: Vec<Range<usize>> = windows(role).zip(windows(role).skip(1)).map(|(before, after)| before.end..after.start).collect();
+        let gaps: Vec<Range<usize>> = windows(role)
+            .zip(windows(role).skip(1))
+            .map(|(before, after)| before.end..after.start)
+            .collect();
         record.leave_out(gaps);
         Some(record)
     };
-    rests.chain([("fitted", Role::Identify), ("held_out", Role::Validate)].into_iter().filter_map(of_role)).collect()
+    rests
+        .chain(
+            [("fitted", Role::Identify), ("held_out", Role::Validate)]
+                .into_iter()
+                .filter_map(of_role),
+        )
+        .collect()
 }
 
 /// A record without what is outside a range.
 fn cut(mut record: Record, range: Range<usize>) -> Record {
     record.drive_v = record.drive_v[range.clone()].to_vec();
     record.displacement_um = record.displacement_um[range.clone()].to_vec();
-    record.force_n = record.force_n.map(|force_n| force_n[range.clone()].to_vec());
-    record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[range.clone()].to_vec())).collect();
+    record.force_n = record
+        .force_n
+        .map(|force_n| force_n[range.clone()].to_vec());
+    record.auxiliary = record
+        .auxiliary
+        .iter()
+        .map(|signal| signal.with(|values| values[range.clone()].to_vec()))
+        .collect();
     record
 }
 
@@ -230,8 +314,14 @@ const AT_ITS_END: f64 = 1e-3;
 fn begins_standing_still(drive_v: &[f64]) -> bool {
     let (low, high) = extremes(drive_v);
     let first = drive_v[0];
-    let at_an_end = [0.0, low].into_iter().any(|end| (first - end).abs() <= AT_ITS_END * (high - low));
-    at_an_end && drive_v.iter().take(STANDS_STILL).all(|u| (u - first).abs() <= HARDLY * (high - low))
+    let at_an_end = [0.0, low]
+        .into_iter()
+        .any(|end| (first - end).abs() <= AT_ITS_END * (high - low));
+    at_an_end
+        && drive_v
+            .iter()
+            .take(STANDS_STILL)
+            .all(|u| (u - first).abs() <= HARDLY * (high - low))
 }
 
 #[cfg(test)]
@@ -250,9 +340,16 @@ mod tests {
                 .windows
                 .iter()
                 .filter(|(other, _)| *other == role)
-                .map(|(_, w)| w.end.min(wanted.end).saturating_sub(w.start.max(wanted.start)))
+                .map(|(_, w)| {
+                    w.end
+                        .min(wanted.end)
+                        .saturating_sub(w.start.max(wanted.start))
+                })
                 .sum();
-            assert!(covered * 4 > wanted.len(), "{role:?} has {covered} of {wanted:?}: {parts:?}");
+            assert!(
+                covered * 4 > wanted.len(),
+                "{role:?} has {covered} of {wanted:?}: {parts:?}"
+            );
         }
     }
 
@@ -260,11 +357,21 @@ mod tests {
     fn rest_shows_noise_and_a_step_to_it_is_not_fitted() {
         let mut drive = vec![0.0];
         drive.extend(vec![-90.0; 1499]);
-        drive.extend((0..3000).map(|k| -90.0 + 0.03 * f64::from(k) * (1.0 - (f64::from(k) * 0.1).cos())));
+        drive.extend(
+            (0..3000).map(|k| -90.0 + 0.03 * f64::from(k) * (1.0 - (f64::from(k) * 0.1).cos())),
+        );
         let parts = parts_of(&drive);
         assert_eq!(parts.windows[0].0, Role::Noise);
-        assert!(parts.windows[0].1.start > 700 && parts.windows[0].1.end.abs_diff(1500) <= 1, "{parts:?}");
-        assert!(parts.windows[1..].iter().all(|(role, w)| *role != Role::Noise && w.start >= 1500), "{parts:?}");
+        assert!(
+            parts.windows[0].1.start > 700 && parts.windows[0].1.end.abs_diff(1500) <= 1,
+            "{parts:?}"
+        );
+        assert!(
+            parts.windows[1..]
+                .iter()
+                .all(|(role, w)| *role != Role::Noise && w.start >= 1500),
+            "{parts:?}"
+        );
         has_on_both_sides(&parts, &(1500..4500));
     }
 
@@ -276,34 +383,65 @@ mod tests {
         let parts = parts_of(&drive);
         has_on_both_sides(&parts, &(0..4000));
         has_on_both_sides(&parts, &(4000..8000));
-        assert!(parts.notes.last().is_some_and(|note| note.contains("2 kinds of motion")), "{:?}", parts.notes);
+        assert!(
+            parts
+                .notes
+                .last()
+                .is_some_and(|note| note.contains("2 kinds of motion")),
+            "{:?}",
+            parts.notes
+        );
     }
 
     #[test]
     fn one_motion_is_cut_in_two_and_a_switching_on_left_out() {
         let sine = |k: i32| 150.0 * (f64::from(k) * 0.006).sin();
         let parts_of_sine = parts_of(&(0..8000).map(sine).collect::<Vec<_>>());
-        assert_eq!(parts_of_sine.windows, [(Role::Identify, 0..4000), (Role::Validate, 4000..8000)]);
-        let switched: Vec<f64> = (0..8000).map(|k| if k < 40 { 0.0 } else { sine(k + 220) }).collect();
+        assert_eq!(
+            parts_of_sine.windows,
+            [(Role::Identify, 0..4000), (Role::Validate, 4000..8000)]
+        );
+        let switched: Vec<f64> = (0..8000)
+            .map(|k| if k < 40 { 0.0 } else { sine(k + 220) })
+            .collect();
         let parts = parts_of(&switched);
-        assert!(parts.windows[0].1.start > 40 && parts.notes.iter().any(|n| n.contains("switched on")), "{parts:?}");
+        assert!(
+            parts.windows[0].1.start > 40 && parts.notes.iter().any(|n| n.contains("switched on")),
+            "{parts:?}"
+        );
     }
 
     #[test]
     fn loops_of_one_half_alone_come_to_both_sides() {
         let corners = [0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0];
-        let drive: Vec<f64> =
-            corners.windows(2).flat_map(|w| (0..1000).map(move |k| w[0] + (w[1] - w[0]) * f64::from(k) / 1000.0)).collect();
+        let drive: Vec<f64> = corners
+            .windows(2)
+            .flat_map(|w| (0..1000).map(move |k| w[0] + (w[1] - w[0]) * f64::from(k) / 1000.0))
+            .collect();
         let cut = parts_of(&drive);
         // The outer loop, and the inner ones.
         has_on_both_sides(&cut, &(0..2000));
         has_on_both_sides(&cut, &(3000..7000));
-        assert!(cut.notes.last().is_some_and(|note| note.contains("its loops differ")), "{:?}", cut.notes);
+        assert!(
+            cut.notes
+                .last()
+                .is_some_and(|note| note.contains("its loops differ")),
+            "{:?}",
+            cut.notes
+        );
         // Nothing is cut so finely that a part rests.
-        let resting: Vec<f64> = drive[..5000].iter().copied().chain(vec![drive[4999]; 1500]).chain(drive[5000..].iter().copied()).collect();
+        let resting: Vec<f64> = drive[..5000]
+            .iter()
+            .copied()
+            .chain(vec![drive[4999]; 1500])
+            .chain(drive[5000..].iter().copied())
+            .collect();
         let cut = parts_of(&resting);
         assert!(
-            cut.windows.iter().filter(|(role, _)| *role != Role::Noise).all(|(_, w)| peak_to_peak(&resting[w.clone()]) > 0.0),
+            cut.windows
+                .iter()
+                .filter(|(role, _)| *role != Role::Noise)
+                .all(|(_, w)| peak_to_peak(&resting[w.clone()]) > 0.0),
             "{cut:?}"
         );
         // The same loop over and over is cut once.
@@ -314,8 +452,15 @@ mod tests {
     /// The drive moves in every part that is fitted or judges, whichever of both timings it has, and some are
     /// of either role.
     fn every_part_moves(drive: &[f64], parts: &Parts) {
-        for (_, w) in parts.windows.iter().filter(|(role, _)| *role != Role::Noise) {
-            assert!(w.len() >= 32 && peak_to_peak(&drive[w.clone()]) > 0.0, "{parts:?}");
+        for (_, w) in parts
+            .windows
+            .iter()
+            .filter(|(role, _)| *role != Role::Noise)
+        {
+            assert!(
+                w.len() >= 32 && peak_to_peak(&drive[w.clone()]) > 0.0,
+                "{parts:?}"
+            );
         }
     }
 
@@ -324,7 +469,8 @@ mod tests {
     }
 
     fn triangles(high_v: f64, half_period: i32, count: usize) -> Vec<f64> {
-        let one = (0..2 * half_period).map(|k| high_v * (1.0 - (f64::from(k) / f64::from(half_period) - 1.0).abs()));
+        let one = (0..2 * half_period)
+            .map(|k| high_v * (1.0 - (f64::from(k) / f64::from(half_period) - 1.0).abs()));
         std::iter::repeat_n(one, count).flatten().collect()
     }
 
@@ -333,7 +479,12 @@ mod tests {
         let stairs: Vec<f64> = (0..8000).map(|k| f64::from((k / 500) % 8)).collect();
         let parts = parts_of(&stairs);
         // What is before the first step is rest.
-        let noise: Vec<&Range<usize>> = parts.windows.iter().filter(|(role, _)| *role == Role::Noise).map(|(_, w)| w).collect();
+        let noise: Vec<&Range<usize>> = parts
+            .windows
+            .iter()
+            .filter(|(role, _)| *role == Role::Noise)
+            .map(|(_, w)| w)
+            .collect();
         assert_eq!(noise, [&(250..500)], "{parts:?}");
         every_part_moves(&stairs, &parts);
     }
@@ -342,36 +493,81 @@ mod tests {
     fn a_rest_before_motion_and_steps_is_not_fitted() {
         for rest in [500, 1500, 2000, 3000] {
             for (ramp, end) in [(0, 500), (250, 1000), (100, 50)] {
-                let up: Vec<f64> = (0..ramp).map(|k| 20.0 * f64::from(k) / f64::from(ramp)).collect();
+                let up: Vec<f64> = (0..ramp)
+                    .map(|k| 20.0 * f64::from(k) / f64::from(ramp))
+                    .collect();
                 let steps = [held(20.0, 2000), held(60.0, 2000), held(32.0, 2000)].concat();
-                let drive = [held(0.0, rest), triangles(80.0, 250, 4), up, steps, held(0.0, end)].concat();
+                let drive = [
+                    held(0.0, rest),
+                    triangles(80.0, 250, 4),
+                    up,
+                    steps,
+                    held(0.0, end),
+                ]
+                .concat();
                 let parts = parts_of(&drive);
                 every_part_moves(&drive, &parts);
-                assert_eq!(parts.windows[0], (Role::Noise, rest / 2..rest + 1), "{parts:?}");
-                assert!(parts.windows[1..].iter().all(|(_, w)| w.start + 1 >= rest), "{parts:?}");
+                assert_eq!(
+                    parts.windows[0],
+                    (Role::Noise, rest / 2..rest + 1),
+                    "{parts:?}"
+                );
+                assert!(
+                    parts.windows[1..].iter().all(|(_, w)| w.start + 1 >= rest),
+                    "{parts:?}"
+                );
                 has_on_both_sides(&parts, &(rest..rest + 2000));
                 has_on_both_sides(&parts, &(drive.len() - end - 6000..drive.len()));
-                assert!(parts.notes.last().is_some_and(|note| note.contains("2 kinds of motion")), "{:?}", parts.notes);
+                assert!(
+                    parts
+                        .notes
+                        .last()
+                        .is_some_and(|note| note.contains("2 kinds of motion")),
+                    "{:?}",
+                    parts.notes
+                );
             }
         }
     }
 
     #[test]
     fn a_recording_that_hardly_moves_is_cut_where_it_does() {
-        let rests_at_both_ends = [held(0.0, 5000), triangles(50.0, 250, 2), held(0.0, 4000)].concat();
+        let rests_at_both_ends =
+            [held(0.0, 5000), triangles(50.0, 250, 2), held(0.0, 4000)].concat();
         let parts = parts_of(&rests_at_both_ends);
         every_part_moves(&rests_at_both_ends, &parts);
         has_on_both_sides(&parts, &(5000..6000));
         let late = [held(0.0, 9500), triangles(50.0, 125, 2)].concat();
         every_part_moves(&late, &parts_of(&late));
         // Steps that cannot be on both sides are fitted, and a note reports it.
-        for drive in [[held(0.0, 1000), held(50.0, 9000)].concat(), [held(0.0, 100), held(50.0, 9000)].concat()] {
+        for drive in [
+            [held(0.0, 1000), held(50.0, 9000)].concat(),
+            [held(0.0, 100), held(50.0, 9000)].concat(),
+        ] {
             let parts = parts_of(&drive);
             every_part_moves(&drive, &parts);
-            assert!(parts.windows.iter().all(|(role, _)| *role != Role::Validate), "{parts:?}");
-            assert!(parts.notes.last().is_some_and(|note| note.contains("nothing is held out")), "{parts:?}");
+            assert!(
+                parts
+                    .windows
+                    .iter()
+                    .all(|(role, _)| *role != Role::Validate),
+                "{parts:?}"
+            );
+            assert!(
+                parts
+                    .notes
+                    .last()
+                    .is_some_and(|note| note.contains("nothing is held out")),
+                "{parts:?}"
+            );
         }
-        let three = [held(0.0, 1000), held(20.0, 3000), held(60.0, 3000), held(0.0, 2000)].concat();
+        let three = [
+            held(0.0, 1000),
+            held(20.0, 3000),
+            held(60.0, 3000),
+            held(0.0, 2000),
+        ]
+        .concat();
         let parts = parts_of(&three);
         every_part_moves(&three, &parts);
         has_on_both_sides(&parts, &(1000..9000));
@@ -382,17 +578,29 @@ mod tests {
         let mut drive = vec![-5.0; 5001];
         drive.extend((0..3000).map(|k| -5.0 + 20.0 * (f64::from(k) * 0.1).sin()));
         let parts = parts_of(&drive);
-        assert!(parts.windows[1..].iter().all(|(_, w)| w.start >= 5001), "{parts:?}");
+        assert!(
+            parts.windows[1..].iter().all(|(_, w)| w.start >= 5001),
+            "{parts:?}"
+        );
         has_on_both_sides(&parts, &(5001..8000));
     }
 
     #[test]
     fn short_and_odd_drives_are_cut_somehow() {
-        for drive in
-            [vec![1.0; 64], vec![0.0; 65], (0..70).map(f64::from).collect(), (0..300).map(|k| f64::from(k % 2)).collect::<Vec<_>>()]
-        {
+        for drive in [
+            vec![1.0; 64],
+            vec![0.0; 65],
+            (0..70).map(f64::from).collect(),
+            (0..300).map(|k| f64::from(k % 2)).collect::<Vec<_>>(),
+        ] {
             let parts = parts_of(&drive);
-            assert!(parts.windows.iter().all(|(_, w)| w.end <= drive.len() && w.start <= w.end), "{parts:?}");
+            assert!(
+                parts
+                    .windows
+                    .iter()
+                    .all(|(_, w)| w.end <= drive.len() && w.start <= w.end),
+                "{parts:?}"
+            );
         }
     }
 }

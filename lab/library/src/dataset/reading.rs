@@ -37,7 +37,9 @@ pub trait Files {
 /// Files in memory, by name.
 impl Files for BTreeMap<String, Vec<u8>> {
     fn read(&self, name: &str) -> Result<Vec<u8>> {
-        self.get(name).cloned().ok_or_else(|| Error::new(name, "does not exist; expected the file of a record"))
+        self.get(name)
+            .cloned()
+            .ok_or_else(|| Error::new(name, "does not exist; expected the file of a record"))
     }
 }
 
@@ -82,7 +84,12 @@ pub fn from_manifest(text: &str, place: &str, files: &dyn Files) -> Result<Datas
 ///
 /// # Errors
 /// As [`from_manifest`].
-pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions: &Instructions) -> Result<Dataset> {
+pub fn from_manifest_as(
+    text: &str,
+    place: &str,
+    files: &dyn Files,
+    instructions: &Instructions,
+) -> Result<Dataset> {
     let manifest = Manifest::parse(text, place)?;
     let mut records: Vec<Record> = Vec::new();
     let mut notes: Vec<String> = Vec::new();
@@ -94,12 +101,18 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         let skip_rows = instructions.skip_rows.unwrap_or(entry.skip_rows);
         let table = match tables.entry((&entry.file, skip_rows)) {
             std::collections::btree_map::Entry::Occupied(found) => found.into_mut(),
-            std::collections::btree_map::Entry::Vacant(place) => {
-                place.insert(readers::read(&source, &files.read(&entry.file)?, Hints { skip_rows })?)
-            }
+            std::collections::btree_map::Entry::Vacant(place) => place.insert(readers::read(
+                &source,
+                &files.read(&entry.file)?,
+                Hints { skip_rows },
+            )?),
         };
-        let (mut record, said, of_record) =
-            record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
+        let (mut record, said, of_record) = record_of(
+            table,
+            entry,
+            instructions,
+            &format!("{place}: record {} ({})", index + 1, entry.file),
+        )?;
         record.name = match &entry.name {
             Some(name) => name.clone(),
             None => name_beside(&stem(&entry.file), &records),
@@ -125,7 +138,9 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     }
     let units = units.map(|(_, units)| units).unwrap_or_default();
     let timing = instructions.timing.or(manifest.timing);
-    let intersample = instructions.intersample.or(manifest.intersample.map(Into::into));
+    let intersample = instructions
+        .intersample
+        .or(manifest.intersample.map(Into::into));
     let (shown, timing_is_assumed) = timed(&mut records, timing, intersample);
     Dataset {
         timing_is_assumed,
@@ -145,8 +160,14 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
 
 /// Gives the records the timing and the way between samples that were specified; the issue where they show a
 /// timing themselves, and whether one is assumed. A drive that runs on acts from no row to another.
-fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<Issue>, bool) {
-    records.iter_mut().for_each(|record| record.intersample = intersample.unwrap_or_default());
+fn timed(
+    records: &mut [Record],
+    timing: Option<Timing>,
+    intersample: Option<Intersample>,
+) -> (Option<Issue>, bool) {
+    records
+        .iter_mut()
+        .for_each(|record| record.intersample = intersample.unwrap_or_default());
     if intersample.is_some_and(|one| one != Intersample::Hold) {
         return (None, false);
     }
@@ -161,7 +182,10 @@ fn name_beside(name: &str, earlier: &[Record]) -> String {
     if !taken(name) {
         return name.to_owned();
     }
-    (2..).map(|n| format!("{name}_{n}")).find(|name| !taken(name)).unwrap_or_default()
+    (2..)
+        .map(|n| format!("{name}_{n}"))
+        .find(|name| !taken(name))
+        .unwrap_or_default()
 }
 
 /// Signals at even times.
@@ -178,13 +202,28 @@ pub(super) struct Even {
 }
 
 /// The signals of a table at even times.
-fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
+fn even_signals(
+    table: &Table,
+    wanted: &ColumnRules,
+    sample_rate_hz: Option<f64>,
+    resample: Option<bool>,
+) -> Result<Even> {
     let mut signals = recognise::signals(table, wanted)?;
-    let known = StampContext { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
+    let known = StampContext {
+        place: &table.place,
+        line_of: &|row| table.line_of(row),
+        sample_rate_hz,
+        resample,
+    };
     let mut notes = std::mem::take(&mut signals.notes);
     if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
         let common = interpolate_to(t_s, t_of_y_s, &mut signals.y_um, table)?;
-        let beside = signals.force_n.iter_mut().chain(signals.auxiliary.iter_mut().map(|signal| &mut signal.values));
+        let beside = signals.force_n.iter_mut().chain(
+            signals
+                .auxiliary
+                .iter_mut()
+                .map(|signal| &mut signal.values),
+        );
         for signal in [t_s, &mut signals.u_v].into_iter().chain(beside) {
             *signal = signal[common.clone()].to_vec();
         }
@@ -205,7 +244,11 @@ fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>
         }
     };
     notes.extend(axis.note.clone());
-    notes.extend(seldom_read(&signals.u_v, &signals.y_um, axis.sample_rate_hz));
+    notes.extend(seldom_read(
+        &signals.u_v,
+        &signals.y_um,
+        axis.sample_rate_hz,
+    ));
     Ok(Even {
         sample_rate_hz: axis.sample_rate_hz,
         start_s: axis.start_s,
@@ -213,7 +256,11 @@ fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
         units: signals.units,
-        auxiliary: signals.auxiliary.iter().map(|signal| signal.with(|values| axis.apply(values.to_vec()))).collect(),
+        auxiliary: signals
+            .auxiliary
+            .iter()
+            .map(|signal| signal.with(|values| axis.apply(values.to_vec())))
+            .collect(),
         notes,
     })
 }
@@ -221,7 +268,9 @@ fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>
 /// That rows were filled up between the readings of a sensor that is read more seldom; where the drive
 /// changes no more often, that is how the stage answers.
 fn seldom_read(u_v: &[f64], y_um: &[f64], sample_rate_hz: f64) -> Option<String> {
-    let apart = rows_between_news(y_um).filter(|apart| rows_between_news(u_v).is_none_or(|of_the_drive| of_the_drive % apart != 0))?;
+    let apart = rows_between_news(y_um).filter(|apart| {
+        rows_between_news(u_v).is_none_or(|of_the_drive| of_the_drive % apart != 0)
+    })?;
     Some(format!(
         "the displacement says something new once in {apart} rows: the sensor gives {:.1} readings per second, and the rows between were filled up; record at that rate, or \
          keep one row in {apart}, since no stage moves as they say",
@@ -231,15 +280,32 @@ fn seldom_read(u_v: &[f64], y_um: &[f64], sample_rate_hz: f64) -> Option<String>
 
 /// Brings the displacement to the instants of the drive, as far as both were recorded: the samples of the
 /// drive for which that is so.
-fn interpolate_to(t_s: &[f64], t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Table) -> Result<Range<usize>> {
+fn interpolate_to(
+    t_s: &[f64],
+    t_of_y_s: &[f64],
+    y_um: &mut Vec<f64>,
+    table: &Table,
+) -> Result<Range<usize>> {
     let rising = |t: &[f64]| t.windows(2).position(|w| w[1] <= w[0]);
     if let Some(row) = rising(t_of_y_s) {
-        return Err(Error::new(&table.place, format!("row {}: the time of the displacement does not increase", table.line_of(row + 1))));
+        return Err(Error::new(
+            &table.place,
+            format!(
+                "row {}: the time of the displacement does not increase",
+                table.line_of(row + 1)
+            ),
+        ));
     }
     let (first, last) = (t_of_y_s[0], t_of_y_s[t_of_y_s.len() - 1]);
-    let (begin, end) = (t_s.partition_point(|t| *t < first), t_s.partition_point(|t| *t <= last));
+    let (begin, end) = (
+        t_s.partition_point(|t| *t < first),
+        t_s.partition_point(|t| *t <= last),
+    );
     if begin >= end {
-        return Err(Error::new(&table.place, "the two columns of time have no instant in common; say which is meant, as --columns t=1"));
+        return Err(Error::new(
+            &table.place,
+            "the two columns of time have no instant in common; say which is meant, as --columns t=1",
+        ));
     }
     let mut after = 1;
     let interpolated = t_s[begin..end].iter().map(|t| {
@@ -267,26 +333,56 @@ pub fn from_file(place: &str, bytes: &[u8]) -> Result<Dataset> {
 /// # Errors
 /// As [`from_file`].
 pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> Result<Dataset> {
-    let table = readers::read(place, bytes, Hints { skip_rows: instructions.skip_rows.unwrap_or(0) })?;
-    let even = even_signals(&table, &instructions.wanted, instructions.sample_rate_hz, None)?;
+    let table = readers::read(
+        place,
+        bytes,
+        Hints {
+            skip_rows: instructions.skip_rows.unwrap_or(0),
+        },
+    )?;
+    let even = even_signals(
+        &table,
+        &instructions.wanted,
+        instructions.sample_rate_hz,
+        None,
+    )?;
     let name = stem(place);
     let samples = even.u_v.len();
     if samples < 2 * SAMPLES_MIN {
-        return Err(Error::new(place, format!("has {samples} samples; expected at least {}", 2 * SAMPLES_MIN)));
+        return Err(Error::new(
+            place,
+            format!(
+                "has {samples} samples; expected at least {}",
+                2 * SAMPLES_MIN
+            ),
+        ));
     }
     let (low, high) = extremes(&even.u_v);
     let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());
     let mut records = one_recording::records(&name, place, &even, &parts);
-    let at_rest = records.iter().any(|record| record.initial_state == InitialState::Settled);
-    let state = if at_rest { "it begins at rest, which is assumed" } else { "the state at its beginning is estimated" };
-    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; {state}"));
+    let at_rest = records
+        .iter()
+        .any(|record| record.initial_state == InitialState::Settled);
+    let state = if at_rest {
+        "it begins at rest, which is assumed"
+    } else {
+        "the state at its beginning is estimated"
+    };
+    notes.push(format!(
+        "limits of the drive taken from the file: {low} to {high} V; {state}"
+    ));
     let rests = |of: &mut dyn Iterator<Item = Role>| of.filter(|role| *role == Role::Noise).count();
-    if rests(&mut records.iter().map(|r| r.role)) < rests(&mut parts.windows.iter().map(|(role, _)| *role)) {
-        notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
+    if rests(&mut records.iter().map(|r| r.role))
+        < rests(&mut parts.windows.iter().map(|(role, _)| *role))
+    {
+        notes.push(
+            "a rest in which the reading does not move shows no noise, and is left out".into(),
+        );
     }
-    let (shown, timing_is_assumed) = timed(&mut records, instructions.timing, instructions.intersample);
+    let (shown, timing_is_assumed) =
+        timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {
         timing_is_assumed,
         units: even.units,
@@ -305,23 +401,48 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
 
 /// A file's name without folder and extension.
 fn stem(file: &str) -> String {
-    std::path::Path::new(file).file_stem().map_or_else(|| "record".into(), |s| s.to_string_lossy().into_owned())
+    std::path::Path::new(file)
+        .file_stem()
+        .map_or_else(|| "record".into(), |s| s.to_string_lossy().into_owned())
 }
 
-fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>, SignalUnits)> {
+fn record_of(
+    table: &Table,
+    entry: &RecordEntry,
+    instructions: &Instructions,
+    place: &str,
+) -> Result<(Record, Vec<String>, SignalUnits)> {
     let rate = instructions.sample_rate_hz.or(entry.sample_rate_hz);
     if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
-        return Err(Error::new(place, format!("sample_rate_hz = {rate}; expected a positive number")));
+        return Err(Error::new(
+            place,
+            format!("sample_rate_hz = {rate}; expected a positive number"),
+        ));
     }
-    let even = even_signals(table, &instructions.before(entry.wanted()), rate, entry.resample)?;
+    let even = even_signals(
+        table,
+        &instructions.before(entry.wanted()),
+        rate,
+        entry.resample,
+    )?;
     let (fs, t0) = (even.sample_rate_hz, even.start_s);
     let samples = even.u_v.len();
     if samples < SAMPLES_MIN {
-        return Err(Error::new(&table.place, format!("has {samples} samples; expected at least {SAMPLES_MIN}")));
+        return Err(Error::new(
+            &table.place,
+            format!("has {samples} samples; expected at least {SAMPLES_MIN}"),
+        ));
     }
-    for (key, value) in [("from_s", entry.from_s), ("to_s", entry.to_s), ("periodic_from_s", entry.periodic_from_s)] {
+    for (key, value) in [
+        ("from_s", entry.from_s),
+        ("to_s", entry.to_s),
+        ("periodic_from_s", entry.periodic_from_s),
+    ] {
         if let Some(value) = value.filter(|value| !value.is_finite()) {
-            return Err(Error::new(place, format!("{key} = {value}; expected a time in seconds")));
+            return Err(Error::new(
+                place,
+                format!("{key} = {value}; expected a time in seconds"),
+            ));
         }
     }
     let index = |t: f64| (((t - t0) * fs).round().max(0.0) as usize).min(samples);
@@ -338,7 +459,13 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
             ),
         ));
     }
-    let periods = periods_of(entry, fs, samples, entry.periodic_from_s.map_or(from, index), place)?;
+    let periods = periods_of(
+        entry,
+        fs,
+        samples,
+        entry.periodic_from_s.map_or(from, index),
+        place,
+    )?;
     let initial_state = entry.initial_state.into();
     let record = Record {
         source: table.place.clone(),
@@ -360,21 +487,44 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
 }
 
 /// The steady-state periods that an entry declares.
-fn periods_of(entry: &RecordEntry, sample_rate_hz: f64, samples: usize, start: usize, place: &str) -> Result<Option<Periods>> {
+fn periods_of(
+    entry: &RecordEntry,
+    sample_rate_hz: f64,
+    samples: usize,
+    start: usize,
+    place: &str,
+) -> Result<Option<Periods>> {
     let Some(period_s) = entry.period_s else {
         return match entry.periodic_from_s {
-            Some(_) => Err(Error::new(place, "periodic_from_s without period_s; expected both")),
+            Some(_) => Err(Error::new(
+                place,
+                "periodic_from_s without period_s; expected both",
+            )),
             None => Ok(None),
         };
     };
     let length = (period_s * sample_rate_hz).round();
     if length < 2.0 || (period_s * sample_rate_hz - length).abs() > 1e-3 * length.max(1.0) {
-        return Err(Error::new(place, format!("period_s = {period_s} is not a whole number of samples at {sample_rate_hz} Hz")));
+        return Err(Error::new(
+            place,
+            format!(
+                "period_s = {period_s} is not a whole number of samples at {sample_rate_hz} Hz"
+            ),
+        ));
     }
     let (length, left) = (length as usize, samples.saturating_sub(start));
     if left < length {
         let left_s = left as f64 / sample_rate_hz;
-        return Err(Error::new(place, format!("period_s = {period_s}, but only {left_s:.3} s are left from where periods begin")));
+        return Err(Error::new(
+            place,
+            format!(
+                "period_s = {period_s}, but only {left_s:.3} s are left from where periods begin"
+            ),
+        ));
     }
-    Ok(Some(Periods { from: start, length, count: left / length }))
+    Ok(Some(Periods {
+        from: start,
+        length,
+        count: left / length,
+    }))
 }

@@ -36,8 +36,13 @@ pub fn noise_at_rest_um(readings_um: &[f64], step_um: f64) -> Option<f64> {
     let mut sorted = readings_um.to_vec();
     sorted.sort_by(f64::total_cmp);
     let usual = *sorted.get(sorted.len() / 2)?;
-    let share = |outside: &dyn Fn(f64) -> bool| readings_um.iter().filter(|v| outside(**v)).count() as f64 / readings_um.len() as f64;
-    let (above, below) = (share(&|v| v > usual + 0.5 * step_um), share(&|v| v < usual - 0.5 * step_um));
+    let share = |outside: &dyn Fn(f64) -> bool| {
+        readings_um.iter().filter(|v| outside(**v)).count() as f64 / readings_um.len() as f64
+    };
+    let (above, below) = (
+        share(&|v| v > usual + 0.5 * step_um),
+        share(&|v| v < usual - 0.5 * step_um),
+    );
     if above + below == 0.0 {
         return None;
     }
@@ -58,11 +63,17 @@ pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
         };
         (1..=30).map(harmonic).sum()
     };
-    let deviation_um2 = |sigma_um: f64| sigma_um * sigma_um + rounding_noise(step_um).powi(2) - common_um2(sigma_um);
+    let deviation_um2 = |sigma_um: f64| {
+        sigma_um * sigma_um + rounding_noise(step_um).powi(2) - common_um2(sigma_um)
+    };
     let (mut low, mut high) = (0.0, deviation_um + step_um);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if deviation_um2(middle) < deviation_um * deviation_um { low = middle } else { high = middle }
+        if deviation_um2(middle) < deviation_um * deviation_um {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     low.hypot(rounding_noise(step_um))
 }
@@ -72,8 +83,13 @@ pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
 #[must_use]
 pub fn mean_rounding_um(reading_um: f64, step_um: f64, sigma_um: f64) -> f64 {
     let harmonic = |k: i32| {
-        let (sign, k) = (if k % 2 == 0 { 1.0 } else { -1.0 }, f64::from(k) * std::f64::consts::PI);
-        sign * step_um / k * (-2.0 * (k * sigma_um / step_um).powi(2)).exp() * (2.0 * k * reading_um / step_um).sin()
+        let (sign, k) = (
+            if k % 2 == 0 { 1.0 } else { -1.0 },
+            f64::from(k) * std::f64::consts::PI,
+        );
+        sign * step_um / k
+            * (-2.0 * (k * sigma_um / step_um).powi(2)).exp()
+            * (2.0 * k * reading_um / step_um).sin()
     };
     (1..=30).map(harmonic).sum()
 }
@@ -83,7 +99,11 @@ fn normal_quantile_above(probability: f64) -> f64 {
     let (mut low, mut high) = (-8.0, 8.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if 0.5 * libm::erfc(middle / std::f64::consts::SQRT_2) > probability { low = middle } else { high = middle }
+        if 0.5 * libm::erfc(middle / std::f64::consts::SQRT_2) > probability {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     low
 }
@@ -91,10 +111,18 @@ fn normal_quantile_above(probability: f64) -> f64 {
 /// The step of the readings in um, if all driven records lie on one grid that is coarse enough to be seen.
 #[must_use]
 pub fn reading_step_um(dataset: &Dataset) -> Option<f64> {
-    let driven = dataset.records.iter().filter(|r| r.role != super::Role::Noise);
-    let steps_um: Vec<f64> = driven.map(|record| step_between(&levels(&record.displacement_um))).collect::<Option<_>>()?;
-    let (least, most) = steps_um.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
-    (most > 0.0 && most - least <= AGREEMENT * most).then(|| steps_um.iter().sum::<f64>() / steps_um.len() as f64)
+    let driven = dataset
+        .records
+        .iter()
+        .filter(|r| r.role != super::Role::Noise);
+    let steps_um: Vec<f64> = driven
+        .map(|record| step_between(&levels(&record.displacement_um)))
+        .collect::<Option<_>>()?;
+    let (least, most) = steps_um
+        .iter()
+        .fold((f64::INFINITY, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
+    (most > 0.0 && most - least <= AGREEMENT * most)
+        .then(|| steps_um.iter().sum::<f64>() / steps_um.len() as f64)
 }
 
 /// The step of a converter whose values these are, in their unit, if they lie on a grid so coarse that values
@@ -102,14 +130,19 @@ pub fn reading_step_um(dataset: &Dataset) -> Option<f64> {
 #[must_use]
 pub fn step_of(values: &[f64]) -> Option<f64> {
     let levels = levels(values);
-    if levels.len() * SAMPLES_PER_LEVEL > values.len() { None } else { step_between(&levels) }
+    if levels.len() * SAMPLES_PER_LEVEL > values.len() {
+        None
+    } else {
+        step_between(&levels)
+    }
 }
 
 /// The distinct values, ascending; those that differ by 1/10^9 of their range are the same.
 pub(crate) fn levels(values: &[f64]) -> Vec<f64> {
     let mut levels = values.to_vec();
     levels.sort_by(f64::total_cmp);
-    let equal = 1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));
+    let equal =
+        1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));
     levels.dedup_by(|later, earlier| *later - *earlier <= equal);
     levels
 }
@@ -134,16 +167,26 @@ fn step_between(levels: &[f64]) -> Option<f64> {
         }))
         .collect();
     let n = levels.len() as f64;
-    let (mean_number, mean_level) = (numbers.iter().sum::<f64>() / n, levels.iter().sum::<f64>() / n);
+    let (mean_number, mean_level) = (
+        numbers.iter().sum::<f64>() / n,
+        levels.iter().sum::<f64>() / n,
+    );
     let (mut along, mut power) = (0.0, 0.0);
     for (number, level) in numbers.iter().zip(levels) {
         along += (number - mean_number) * (level - mean_level);
         power += (number - mean_number) * (number - mean_number);
     }
     let step = along / power;
-    let off_grid = |(number, level): (&f64, &f64)| ((level - mean_level) / step - (number - mean_number)).abs();
-    let on_grid = numbers.iter().zip(levels).all(|pair| off_grid(pair) < OFF_GRID_MAX);
-    let every_gap_counts = levels.windows(2).all(|w| (w[1] - w[0]) / step > 1.0 - OFF_GRID_MAX);
+    let off_grid = |(number, level): (&f64, &f64)| {
+        ((level - mean_level) / step - (number - mean_number)).abs()
+    };
+    let on_grid = numbers
+        .iter()
+        .zip(levels)
+        .all(|pair| off_grid(pair) < OFF_GRID_MAX);
+    let every_gap_counts = levels
+        .windows(2)
+        .all(|w| (w[1] - w[0]) / step > 1.0 - OFF_GRID_MAX);
     (step > 0.0 && on_grid && every_gap_counts).then_some(step)
 }
 
@@ -170,7 +213,8 @@ mod tests {
     /// A sweep over ten thousand steps in as many samples comes to few of them twice.
     #[test]
     fn a_fast_record_shows_the_converter_though_hardly_a_reading_comes_again() {
-        let reading = |k: usize| ((motion_um(k) + 2.0 * (0.037 * k as f64).cos()) / 0.0012).round() * 0.0012;
+        let reading =
+            |k: usize| ((motion_um(k) + 2.0 * (0.037 * k as f64).cos()) / 0.0012).round() * 0.0012;
         let read: Vec<f64> = (0..10_000).map(reading).collect();
         assert!(step_of(&read).is_none());
         assert!((step_between(&levels(&read)).unwrap() / 0.0012 - 1.0).abs() < 1e-3);
@@ -188,17 +232,35 @@ mod tests {
             let step_um = 0.02;
             let round = |v: f64| (v / step_um).round() * step_um;
             let moving = |k: usize| 1e-4 * k as f64 + 0.3 * (0.001 * k as f64).sin();
-            let errors: Vec<f64> = noise(60_000).iter().enumerate().map(|(k, e)| round(moving(k) + sigma_um * e) - moving(k)).collect();
+            let errors: Vec<f64> = noise(60_000)
+                .iter()
+                .enumerate()
+                .map(|(k, e)| round(moving(k) + sigma_um * e) - moving(k))
+                .collect();
             let truth_um = crate::identification::fit::rms(&errors);
-            let rest: Vec<f64> = noise(12_000).iter().map(|e| round(rest_um + sigma_um * e)).collect();
+            let rest: Vec<f64> = noise(12_000)
+                .iter()
+                .map(|e| round(rest_um + sigma_um * e))
+                .collect();
             let at_rest_um = noise_at_rest_um(&rest, step_um).unwrap();
-            assert!((at_rest_um / truth_um - 1.0).abs() < 0.05, "rest, {sigma_um}: {at_rest_um} {truth_um}");
+            assert!(
+                (at_rest_um / truth_um - 1.0).abs() < 0.05,
+                "rest, {sigma_um}: {at_rest_um} {truth_um}"
+            );
             let both = noise(120_000);
             let differences: Vec<f64> = (0..60_000)
-                .map(|k| (round(moving(k) + sigma_um * both[k]) - round(moving(k) + sigma_um * both[k + 60_000])) / 2f64.sqrt())
+                .map(|k| {
+                    (round(moving(k) + sigma_um * both[k])
+                        - round(moving(k) + sigma_um * both[k + 60_000]))
+                        / 2f64.sqrt()
+                })
                 .collect();
-            let between_um = noise_between_repeats_um(crate::identification::fit::rms(&differences), step_um);
-            assert!((between_um / truth_um - 1.0).abs() < 0.05, "repeats, {sigma_um}: {between_um} {truth_um}");
+            let between_um =
+                noise_between_repeats_um(crate::identification::fit::rms(&differences), step_um);
+            assert!(
+                (between_um / truth_um - 1.0).abs() < 0.05,
+                "repeats, {sigma_um}: {between_um} {truth_um}"
+            );
         }
         assert_eq!(noise_at_rest_um(&[0.0; 100], 0.02), None);
     }
@@ -207,10 +269,14 @@ mod tests {
     fn noise_smooths_the_staircase() {
         let (step_um, sigma_um) = (0.02, 0.005);
         for reading_um in [0.003, 0.009, 0.012, 0.027] {
-            let read = |e: &f64| ((reading_um + sigma_um * e) / step_um).round() * step_um - reading_um;
+            let read =
+                |e: &f64| ((reading_um + sigma_um * e) / step_um).round() * step_um - reading_um;
             let mean_um = noise(200_000).iter().map(read).sum::<f64>() / 200_000.0;
             let expected_um = mean_rounding_um(reading_um, step_um, sigma_um);
-            assert!((mean_um - expected_um).abs() < 1e-4, "{reading_um}: {mean_um} {expected_um}");
+            assert!(
+                (mean_um - expected_um).abs() < 1e-4,
+                "{reading_um}: {mean_um} {expected_um}"
+            );
         }
     }
 

@@ -87,7 +87,12 @@ pub struct Record {
 impl Record {
     /// A record to be fitted, all of it, from an unknown state and with a constant of its own.
     #[must_use]
-    pub fn new(name: impl Into<String>, sample_rate_hz: f64, drive_v: Vec<f64>, displacement_um: Vec<f64>) -> Self {
+    pub fn new(
+        name: impl Into<String>,
+        sample_rate_hz: f64,
+        drive_v: Vec<f64>,
+        displacement_um: Vec<f64>,
+    ) -> Self {
         let name = name.into();
         Self {
             source: name.clone(),
@@ -118,7 +123,11 @@ impl Record {
     /// The same record from an actuator that had never been driven, its sensor zeroed there.
     #[must_use]
     pub fn from_virgin_state(self) -> Self {
-        Self { initial_state: InitialState::Virgin, offset_is_fitted: false, ..self }
+        Self {
+            initial_state: InitialState::Virgin,
+            offset_is_fitted: false,
+            ..self
+        }
     }
 
     /// Sampling period, s.
@@ -132,7 +141,11 @@ impl Record {
     #[must_use]
     pub fn drive(&self) -> Drive<'_> {
         let end = self.window.end;
-        Drive { drive_v: &self.drive_v[..end], force_n: self.force_n.as_ref().map(|force_n| &force_n[..end]), ..self.whole_drive() }
+        Drive {
+            drive_v: &self.drive_v[..end],
+            force_n: self.force_n.as_ref().map(|force_n| &force_n[..end]),
+            ..self.whole_drive()
+        }
     }
 
     /// Drive from the first sample of the file to its last.
@@ -152,9 +165,14 @@ impl Record {
     pub fn leave_out(&mut self, ranges: impl IntoIterator<Item = Range<usize>>) {
         self.left_out.extend(ranges);
         self.left_out.sort_by_key(|range| range.start);
-        self.left_out =
-            std::mem::take(&mut self.left_out).into_iter().filter(|range| !range.is_empty()).fold(Vec::new(), |mut out, range| {
-                match out.last_mut().filter(|last: &&mut Range<usize>| range.start <= last.end) {
+        self.left_out = std::mem::take(&mut self.left_out)
+            .into_iter()
+            .filter(|range| !range.is_empty())
+            .fold(Vec::new(), |mut out, range| {
+                match out
+                    .last_mut()
+                    .filter(|last: &&mut Range<usize>| range.start <= last.end)
+                {
                     Some(last) => last.end = last.end.max(range.end),
                     None => out.push(range),
                 }
@@ -166,7 +184,9 @@ impl Record {
     #[must_use]
     pub fn counts(&self, sample: usize) -> bool {
         let before = self.left_out.partition_point(|range| range.end <= sample);
-        self.left_out.get(before).is_none_or(|range| sample < range.start)
+        self.left_out
+            .get(before)
+            .is_none_or(|range| sample < range.start)
     }
 
     /// The samples inside the window whose readings say something of the displacement.

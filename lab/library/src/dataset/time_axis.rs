@@ -61,7 +61,12 @@ impl TimeAxis {
     /// Samples without stamps.
     #[must_use]
     pub fn without_stamps(sample_rate_hz: f64) -> Self {
-        Self { sample_rate_hz, start_s: 0.0, note: None, plan: Plan::AsTheyAre }
+        Self {
+            sample_rate_hz,
+            start_s: 0.0,
+            note: None,
+            plan: Plan::AsTheyAre,
+        }
     }
 
     /// From time stamps in seconds.
@@ -70,19 +75,35 @@ impl TimeAxis {
     /// The row in which time runs backwards, stands still or jumps too far; a sampling rate that is not that
     /// of the stamps.
     pub fn from_stamps(t_s: &[f64], known: &StampContext) -> Result<Self> {
-        let [start_s, .., end_s] = *t_s else { return Err(Error::new(known.place, "has one row; expected more")) };
+        let [start_s, .., end_s] = *t_s else {
+            return Err(Error::new(known.place, "has one row; expected more"));
+        };
         for (k, pair) in t_s.windows(2).enumerate() {
             if pair[1] < pair[0] {
-                return known.wrong(k + 1, format!("time {} s does not increase (row before: {} s)", pair[1], pair[0]));
+                return known.wrong(
+                    k + 1,
+                    format!(
+                        "time {} s does not increase (row before: {} s)",
+                        pair[1], pair[0]
+                    ),
+                );
             }
         }
         if end_s <= start_s {
             return known.wrong(1, format!("time {start_s} s does not increase"));
         }
-        let even = |period_s: f64, note, plan| Self { sample_rate_hz: 1.0 / period_s, start_s, note, plan };
+        let even = |period_s: f64, note, plan| Self {
+            sample_rate_hz: 1.0 / period_s,
+            start_s,
+            note,
+            plan,
+        };
         let mean_s = (end_s - start_s) / (t_s.len() - 1) as f64;
         if mean_s * FASTEST_HZ < 1.0 {
-            let often = format!("time stamps are {mean_s:.1e} s apart, {:.1e} samples per second", mean_s.recip());
+            let often = format!(
+                "time stamps are {mean_s:.1e} s apart, {:.1e} samples per second",
+                mean_s.recip()
+            );
             return known.wrong(
                 1,
                 format!("{often}; expected at most {FASTEST_HZ:.0e}: is their unit another one? --units t=s, or unit = {{ t = \"s\" }}"),
@@ -91,9 +112,14 @@ impl TimeAxis {
         if let Some(period_s) = even_period(t_s, known)? {
             return Ok(even(period_s, None, Plan::AsTheyAre));
         }
-        if let Some(digit_s) = written_with_few_digits(t_s, known.sample_rate_hz.map_or(mean_s, f64::recip)) {
+        if let Some(digit_s) =
+            written_with_few_digits(t_s, known.sample_rate_hz.map_or(mean_s, f64::recip))
+        {
             let period_s = known.sample_rate_hz.map_or(mean_s, f64::recip);
-            let note = format!("time stamps are written in steps of {digit_s:.0e} s: samples are taken as even, {:.6} Hz", 1.0 / period_s);
+            let note = format!(
+                "time stamps are written in steps of {digit_s:.0e} s: samples are taken as even, {:.6} Hz",
+                1.0 / period_s
+            );
             return Ok(even(period_s, Some(note), Plan::AsTheyAre));
         }
         if known.resample == Some(false) {
@@ -104,7 +130,10 @@ impl TimeAxis {
         let said = |notes: Vec<String>| Some(notes.join("; ")).filter(|text| !text.is_empty());
         let mut notes: Vec<String> = twice.into_iter().collect();
         let by_kept = |row: usize| (known.line_of)(kept[row]);
-        let known = StampContext { line_of: &by_kept, ..*known };
+        let known = StampContext {
+            line_of: &by_kept,
+            ..*known
+        };
         if let Some(period_s) = even_period(&kept_s, &known)? {
             return Ok(even(period_s, said(notes), Plan::Kept(kept)));
         }
@@ -117,7 +146,8 @@ impl TimeAxis {
             while after + 1 < kept_s.len() && kept_s[after] < at_s {
                 after += 1;
             }
-            let share = ((at_s - kept_s[after - 1]) / (kept_s[after] - kept_s[after - 1])).clamp(0.0, 1.0);
+            let share =
+                ((at_s - kept_s[after - 1]) / (kept_s[after] - kept_s[after - 1])).clamp(0.0, 1.0);
             (kept[after - 1], kept[after], share)
         });
         let plan = Plan::Between(between.collect());
@@ -130,16 +160,22 @@ impl TimeAxis {
         match &self.plan {
             Plan::AsTheyAre => signal,
             Plan::Kept(rows) => rows.iter().map(|&k| signal[k]).collect(),
-            Plan::Between(pairs) => {
-                pairs.iter().map(|&(first, second, share)| signal[first] + share * (signal[second] - signal[first])).collect()
-            }
+            Plan::Between(pairs) => pairs
+                .iter()
+                .map(|&(first, second, share)| {
+                    signal[first] + share * (signal[second] - signal[first])
+                })
+                .collect(),
         }
     }
 }
 
 impl StampContext<'_> {
     fn wrong<T>(&self, row: usize, what: String) -> Result<T> {
-        Err(Error::new(self.place, format!("row {}: {what}", (self.line_of)(row))))
+        Err(Error::new(
+            self.place,
+            format!("row {}: {what}", (self.line_of)(row)),
+        ))
     }
 }
 
@@ -149,15 +185,21 @@ impl StampContext<'_> {
 /// Where they are even at another rate than the specified one.
 fn even_period(t_s: &[f64], known: &StampContext) -> Result<Option<f64>> {
     let mean_s = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1).max(1) as f64;
-    let is_even = |period_s: f64| t_s.windows(2).all(|w| (w[1] - w[0] - period_s).abs() <= UNEVEN * period_s + 1e-9);
+    let is_even = |period_s: f64| {
+        t_s.windows(2)
+            .all(|w| (w[1] - w[0] - period_s).abs() <= UNEVEN * period_s + 1e-9)
+    };
     let said_s = known.sample_rate_hz.map(f64::recip);
     match said_s {
         Some(said_s) if is_even(said_s) => Ok(Some(said_s)),
         None if is_even(mean_s) => Ok(Some(mean_s)),
         Some(said_s) if is_even(mean_s) => {
             let ratio = mean_s / said_s;
-            let hint =
-                if (ratio / 1e3 - 1.0).abs() < UNEVEN { "; are they in ms? Then say unit = { t = \"ms\" }, or --units t=ms" } else { "" };
+            let hint = if (ratio / 1e3 - 1.0).abs() < UNEVEN {
+                "; are they in ms? Then say unit = { t = \"ms\" }, or --units t=ms"
+            } else {
+                ""
+            };
             known.wrong(1, format!("time stamps are {mean_s:.6e} s apart, but sample_rate_hz says {said_s:.6e} s{hint}"))
         }
         _ => Ok(None),
@@ -166,32 +208,51 @@ fn even_period(t_s: &[f64], known: &StampContext) -> Result<Option<f64>> {
 
 /// The step in which stamps are written, if that alone makes them uneven.
 fn written_with_few_digits(t_s: &[f64], period_s: f64) -> Option<f64> {
-    let on_grid = |digit_s: f64| t_s.iter().all(|t| (t / digit_s - (t / digit_s).round()).abs() < 1e-3);
-    let digit_s = (0..10).map(|digits| 10_f64.powi(-digits)).find(|digit_s| on_grid(*digit_s))?;
+    let on_grid = |digit_s: f64| {
+        t_s.iter()
+            .all(|t| (t / digit_s - (t / digit_s).round()).abs() < 1e-3)
+    };
+    let digit_s = (0..10)
+        .map(|digits| 10_f64.powi(-digits))
+        .find(|digit_s| on_grid(*digit_s))?;
     let as_late = |k: usize| t_s[k] - t_s[0] - k as f64 * period_s;
     let deviations = || (0..t_s.len()).map(as_late);
-    let (least, most) = deviations().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| (l.min(d), m.max(d)));
+    let (least, most) = deviations().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| {
+        (l.min(d), m.max(d))
+    });
     let steps = || t_s.windows(2).map(|w| (w[1] - w[0] - period_s).abs());
     // What was rounded is uneven again and again, and by less than a digit; a row too many or too few is so
     // once.
     let uneven = steps().filter(|d| *d > UNEVEN * period_s).count();
-    let again_and_again = uneven as f64 > ROUNDED_MIN * t_s.len() as f64 && steps().all(|d| d < 1.01 * digit_s);
+    let again_and_again =
+        uneven as f64 > ROUNDED_MIN * t_s.len() as f64 && steps().all(|d| d < 1.01 * digit_s);
     // Rounding moves each stamp by at most half a digit; the mean period is off by what it did to the ends.
     (again_and_again && most - least <= 2.01 * digit_s).then_some(digit_s)
 }
 
 /// The error for uneven stamps that are not to be mended.
 fn first_uneven(t_s: &[f64], known: &StampContext) -> Error {
-    let period_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
+    let period_s = known
+        .sample_rate_hz
+        .map_or_else(|| median_step(t_s), f64::recip);
     let uneven = |w: &[f64]| (w[1] - w[0] - period_s).abs() > UNEVEN * period_s + 1e-9;
     let row = t_s.windows(2).position(uneven).unwrap_or(0);
     let step_s = t_s[row + 1] - t_s[row];
     let line = (known.line_of)(row + 1);
-    Error::new(known.place, format!("row {line}: time jumps by {step_s:.6e} s; expected {period_s:.6e} s within 1 % (resample = false)"))
+    Error::new(
+        known.place,
+        format!(
+            "row {line}: time jumps by {step_s:.6e} s; expected {period_s:.6e} s within 1 % (resample = false)"
+        ),
+    )
 }
 
 fn median_step(t_s: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
+    let mut steps: Vec<f64> = t_s
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .filter(|s| *s > 0.0)
+        .collect();
     if steps.is_empty() {
         return 0.0;
     }
@@ -201,7 +262,9 @@ fn median_step(t_s: &[f64]) -> f64 {
 
 /// Rows without those whose stamp stands in the row before.
 fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>)> {
-    let kept: Vec<usize> = (0..t_s.len()).filter(|&k| k == 0 || t_s[k] > t_s[k - 1]).collect();
+    let kept: Vec<usize> = (0..t_s.len())
+        .filter(|&k| k == 0 || t_s[k] > t_s[k - 1])
+        .collect();
     let twice = t_s.len() - kept.len();
     if twice == 0 {
         return Ok((kept, None));
@@ -218,7 +281,9 @@ fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>
     }
     let note = match twice {
         1 => format!("row {line} has the time stamp of the row before and is left out"),
-        _ => format!("{twice} rows have the time stamp of the row before and are left out, the first in row {line}"),
+        _ => format!(
+            "{twice} rows have the time stamp of the row before and are left out, the first in row {line}"
+        ),
     };
     Ok((kept, Some(note)))
 }
@@ -226,31 +291,63 @@ fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>
 /// The period of stamps that jitter or miss samples, and the note on it.
 fn irregularities(t_s: &[f64], known: &StampContext) -> Result<(f64, String)> {
     let force = known.resample == Some(true);
-    let usual_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
+    let usual_s = known
+        .sample_rate_hz
+        .map_or_else(|| median_step(t_s), f64::recip);
     let elapsed = |w: &[f64]| ((w[1] - w[0]) / usual_s).round().max(1.0);
     let periods: f64 = t_s.windows(2).map(elapsed).sum();
-    let period_s = known.sample_rate_hz.map_or((t_s[t_s.len() - 1] - t_s[0]) / periods, f64::recip);
-    let advice = "expected even samples; cut the record there, or say resample = true in dataset.toml";
-    let longest = t_s.windows(2).enumerate().max_by(|a, b| elapsed(a.1).total_cmp(&elapsed(b.1)));
+    let period_s = known
+        .sample_rate_hz
+        .map_or((t_s[t_s.len() - 1] - t_s[0]) / periods, f64::recip);
+    let advice =
+        "expected even samples; cut the record there, or say resample = true in dataset.toml";
+    let longest = t_s
+        .windows(2)
+        .enumerate()
+        .max_by(|a, b| elapsed(a.1).total_cmp(&elapsed(b.1)));
     if let Some((row, w)) = longest.filter(|(_, w)| !force && elapsed(w) > GAP_MAX + 1.0) {
-        return known
-            .wrong(row + 1, format!("time jumps by {:.6e} s, {:.0} periods of {usual_s:.6e} s; {advice}", w[1] - w[0], elapsed(w)));
+        return known.wrong(
+            row + 1,
+            format!(
+                "time jumps by {:.6e} s, {:.0} periods of {usual_s:.6e} s; {advice}",
+                w[1] - w[0],
+                elapsed(w)
+            ),
+        );
     }
     let missing = periods - (t_s.len() - 1) as f64;
     if !force && missing > MISSING_MAX * periods {
-        return known.wrong(1, format!("{missing:.0} of {:.0} samples are missing; {advice}", periods + 1.0));
+        return known.wrong(
+            1,
+            format!(
+                "{missing:.0} of {:.0} samples are missing; {advice}",
+                periods + 1.0
+            ),
+        );
     }
     let jitter = |w: &[f64]| ((w[1] - w[0]) / period_s - elapsed(w)).abs();
     let irregular = t_s.windows(2).filter(|w| jitter(w) > JITTER_MAX).count();
     if !force && irregular as f64 > IRREGULAR_MAX * t_s.len() as f64 {
-        let row = t_s.windows(2).position(|w| jitter(w) > JITTER_MAX).unwrap_or(0);
-        return known.wrong(row + 1, format!("time steps are irregular, here {:.6e} s; {advice}", t_s[row + 1] - t_s[row]));
+        let row = t_s
+            .windows(2)
+            .position(|w| jitter(w) > JITTER_MAX)
+            .unwrap_or(0);
+        return known.wrong(
+            row + 1,
+            format!(
+                "time steps are irregular, here {:.6e} s; {advice}",
+                t_s[row + 1] - t_s[row]
+            ),
+        );
     }
     let first_gap = t_s.windows(2).position(|w| elapsed(w) > 1.0);
     let largest = t_s.windows(2).map(jitter).fold(0.0, f64::max);
     let mut what = Vec::new();
     if largest > UNEVEN {
-        what.push(format!("time stamps jitter by up to {:.0} % of a period", 100.0 * largest));
+        what.push(format!(
+            "time stamps jitter by up to {:.0} % of a period",
+            100.0 * largest
+        ));
     }
     if let Some(row) = first_gap {
         let row = (known.line_of)(row + 1);
@@ -262,7 +359,14 @@ fn irregularities(t_s: &[f64], known: &StampContext) -> Result<(f64, String)> {
     if what.is_empty() {
         what.push("time stamps drift".into());
     }
-    Ok((period_s, format!("{}: resampled evenly at {:.6} Hz by straight lines between neighbours", what.join(", "), 1.0 / period_s)))
+    Ok((
+        period_s,
+        format!(
+            "{}: resampled evenly at {:.6} Hz by straight lines between neighbours",
+            what.join(", "),
+            1.0 / period_s
+        ),
+    ))
 }
 
 #[cfg(test)]
@@ -270,7 +374,15 @@ mod tests {
     use super::*;
 
     fn axis(t_s: &[f64], sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<TimeAxis> {
-        TimeAxis::from_stamps(t_s, &StampContext { place: "a.csv", line_of: &|row| row + 1, sample_rate_hz, resample })
+        TimeAxis::from_stamps(
+            t_s,
+            &StampContext {
+                place: "a.csv",
+                line_of: &|row| row + 1,
+                sample_rate_hz,
+                resample,
+            },
+        )
     }
 
     fn even(n: usize) -> Vec<f64> {
@@ -281,37 +393,59 @@ mod tests {
     fn stamps_of_another_unit_than_was_said_are_refused() {
         let in_us: Vec<f64> = (0..500).map(|k| 1e-6 * 1e-4 * f64::from(k)).collect();
         let message = axis(&in_us, None, None).unwrap_err().to_string();
-        assert!(message.contains("1.0e10 samples per second") && message.contains("--units t=s"), "{message}");
+        assert!(
+            message.contains("1.0e10 samples per second") && message.contains("--units t=s"),
+            "{message}"
+        );
     }
 
     #[test]
     fn even_stamps_are_left_alone() {
         let found = axis(&even(500), None, None).unwrap();
-        assert!((found.sample_rate_hz - 1000.0).abs() < 1e-6 && found.note.is_none() && found.start_s == 0.25);
+        assert!(
+            (found.sample_rate_hz - 1000.0).abs() < 1e-6
+                && found.note.is_none()
+                && found.start_s == 0.25
+        );
         assert_eq!(found.apply(vec![3.0; 500]).len(), 500);
     }
 
     #[test]
     fn stamps_with_few_digits_are_even() {
         // 20 kHz written with four digits: every second stamp stands twice.
-        let stamps: Vec<f64> = (0..5000).map(|k| (f64::from(k) * 0.5).round() * 1e-4).collect();
+        let stamps: Vec<f64> = (0..5000)
+            .map(|k| (f64::from(k) * 0.5).round() * 1e-4)
+            .collect();
         let found = axis(&stamps, None, None).unwrap();
-        assert!((found.sample_rate_hz / 20_000.0 - 1.0).abs() < 1e-3, "{}", found.sample_rate_hz);
+        assert!(
+            (found.sample_rate_hz / 20_000.0 - 1.0).abs() < 1e-3,
+            "{}",
+            found.sample_rate_hz
+        );
         assert!(found.note.as_ref().unwrap().contains("1e-4"));
         assert_eq!(found.apply(stamps.clone()).len(), 5000);
-        assert_eq!(axis(&stamps, Some(20_000.0), None).unwrap().sample_rate_hz, 20_000.0);
+        assert_eq!(
+            axis(&stamps, Some(20_000.0), None).unwrap().sample_rate_hz,
+            20_000.0
+        );
     }
 
     #[test]
     fn jitter_gaps_and_repeats_are_mended_and_said() {
         // Stamps early and late by a fifth of a period, three samples missing, one row twice.
         let late = |k: usize| 2e-4 * (((k * 7919) % 1000) as f64 / 500.0 - 1.0);
-        let mut rows: Vec<usize> = (0..2000).filter(|k| ![300, 301, 1200].contains(k)).collect();
+        let mut rows: Vec<usize> = (0..2000)
+            .filter(|k| ![300, 301, 1200].contains(k))
+            .collect();
         rows.insert(700, rows[699]);
         let stamps: Vec<f64> = rows.iter().map(|&k| k as f64 * 1e-3 + late(k)).collect();
         let found = axis(&stamps, None, None).unwrap();
         let note = found.note.clone().unwrap();
-        assert!(note.contains("row 701 has the time stamp of the row before") && note.contains("3 samples are missing"), "{note}");
+        assert!(
+            note.contains("row 701 has the time stamp of the row before")
+                && note.contains("3 samples are missing"),
+            "{note}"
+        );
         assert!((found.sample_rate_hz / 1000.0 - 1.0).abs() < 1e-3);
         let signal: Vec<f64> = stamps.iter().map(|t| (t * 6.0).sin()).collect();
         let mended = found.apply(signal);
@@ -321,19 +455,36 @@ mod tests {
         }
         assert!((mended.len() as i64 - 2000).abs() <= 1);
         let refused = axis(&stamps, None, Some(false)).unwrap_err().to_string();
-        assert!(refused.contains("jumps") && refused.contains("resample"), "{refused}");
+        assert!(
+            refused.contains("jumps") && refused.contains("resample"),
+            "{refused}"
+        );
     }
 
     #[test]
     fn what_cannot_be_mended_is_an_error_with_its_row() {
         let mut back = even(100);
         back[40] = 0.1;
-        assert!(axis(&back, None, None).unwrap_err().to_string().contains("row 41: time 0.1 s does not increase"));
-        let gap: Vec<f64> = even(100).iter().enumerate().map(|(k, t)| if k < 60 { *t } else { t + 5.0 }).collect();
+        assert!(
+            axis(&back, None, None)
+                .unwrap_err()
+                .to_string()
+                .contains("row 41: time 0.1 s does not increase")
+        );
+        let gap: Vec<f64> = even(100)
+            .iter()
+            .enumerate()
+            .map(|(k, t)| if k < 60 { *t } else { t + 5.0 })
+            .collect();
         let refused = axis(&gap, None, None).unwrap_err().to_string();
         assert!(refused.contains("row 61: time jumps by"), "{refused}");
         assert!(axis(&gap, None, Some(true)).is_ok());
-        assert!(axis(&[1.0; 50], None, None).unwrap_err().to_string().contains("does not increase"));
+        assert!(
+            axis(&[1.0; 50], None, None)
+                .unwrap_err()
+                .to_string()
+                .contains("does not increase")
+        );
         assert!(axis(&[1.0], None, None).is_err());
         let refused = axis(&even(100), Some(1e6), None).unwrap_err().to_string();
         assert!(refused.contains("ms"), "{refused}");

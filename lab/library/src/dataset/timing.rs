@@ -30,7 +30,10 @@ impl Timing {
         match name {
             "hold_after_sample" => Ok(Self::HoldAfterSample),
             "hold_before_sample" => Ok(Self::HoldBeforeSample),
-            _ => Err(Error::new(place, format!("`{name}`; expected hold_after_sample or hold_before_sample"))),
+            _ => Err(Error::new(
+                place,
+                format!("`{name}`; expected hold_after_sample or hold_before_sample"),
+            )),
         }
     }
 }
@@ -40,8 +43,16 @@ impl Timing {
 /// # Errors
 /// With all names.
 pub fn intersample_named(place: &str, name: &str) -> Result<Intersample> {
-    let found = Intersample::NAMES.into_iter().find(|(known, _)| *known == name).map(|(_, one)| one);
-    found.ok_or_else(|| Error::new(place, format!("`{name}`; expected hold, linear or band_limited")))
+    let found = Intersample::NAMES
+        .into_iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, one)| one);
+    found.ok_or_else(|| {
+        Error::new(
+            place,
+            format!("`{name}`; expected hold, linear or band_limited"),
+        )
+    })
 }
 
 /// Brings the records of one data set to the one timing. What is not specified is taken from the records: one
@@ -63,7 +74,9 @@ impl Dataset {
     #[must_use]
     pub fn running_on(&self, intersample: Intersample) -> Self {
         let mut out = self.clone();
-        out.records.iter_mut().for_each(|record| record.intersample = intersample);
+        out.records
+            .iter_mut()
+            .for_each(|record| record.intersample = intersample);
         out.timing_is_assumed = false;
         out
     }
@@ -87,10 +100,20 @@ fn moved_up(record: &mut Record) {
         record.window.start = record.window.start.max(1);
     }
     record.displacement_um.truncate(samples);
-    record.force_n.iter_mut().for_each(|force_n| force_n.truncate(samples));
-    record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[..samples].to_vec())).collect();
+    record
+        .force_n
+        .iter_mut()
+        .for_each(|force_n| force_n.truncate(samples));
+    record.auxiliary = record
+        .auxiliary
+        .iter()
+        .map(|signal| signal.with(|values| values[..samples].to_vec()))
+        .collect();
     record.window.end = record.window.end.min(samples);
-    record.left_out.iter_mut().for_each(|range| range.end = range.end.min(samples));
+    record
+        .left_out
+        .iter_mut()
+        .for_each(|range| range.end = range.end.min(samples));
     record.left_out.retain(|range| !range.is_empty());
     record.periods = record.periods.take().and_then(|mut p| {
         p.count = p.count.min((samples - p.from.min(samples)) / p.length);
@@ -115,12 +138,24 @@ mod tests {
     fn one_record_that_leads_speaks_for_the_slow_ones() {
         let mut records = [record("slow", 1e-3, 1), record("fast", 0.3, 1)];
         let issue = bring_to_one_timing(&mut records, None).unwrap();
-        assert_eq!((issue.record.as_deref(), &issue.kind), (Some("fast"), &IssueKind::TimingInReadings { jumps: None }));
+        assert_eq!(
+            (issue.record.as_deref(), &issue.kind),
+            (Some("fast"), &IssueKind::TimingInReadings { jumps: None })
+        );
         for record in &records {
-            assert_eq!((record.drive_v.len(), record.displacement_um.len(), record.window.end), (499, 499, 499));
+            assert_eq!(
+                (
+                    record.drive_v.len(),
+                    record.displacement_um.len(),
+                    record.window.end
+                ),
+                (499, 499, 499)
+            );
         }
         let fast = &records[1];
-        assert!((1..499).all(|k| (fast.displacement_um[k] - 0.1 * fast.drive_v[k - 1]).abs() < 0.011));
+        assert!(
+            (1..499).all(|k| (fast.displacement_um[k] - 0.1 * fast.drive_v[k - 1]).abs() < 0.011)
+        );
         assert_eq!(quality::shown_by_readings(fast), None);
     }
 
@@ -130,9 +165,15 @@ mod tests {
         assert_eq!(bring_to_one_timing(&mut records, None), None);
         assert_eq!(records[0].drive_v.len(), 500);
         let mut leading = [record("leads", 0.3, 1)];
-        assert_eq!(bring_to_one_timing(&mut leading, Some(Timing::HoldAfterSample)), None);
+        assert_eq!(
+            bring_to_one_timing(&mut leading, Some(Timing::HoldAfterSample)),
+            None
+        );
         assert_eq!(leading[0].drive_v.len(), 500);
-        assert_eq!(bring_to_one_timing(&mut records, Some(Timing::HoldBeforeSample)), None);
+        assert_eq!(
+            bring_to_one_timing(&mut records, Some(Timing::HoldBeforeSample)),
+            None
+        );
         assert_eq!(records[0].drive_v.len(), 499);
     }
 }

@@ -77,7 +77,16 @@ impl Quantity {
     /// Words that a column of this quantity is called by; the first are the surest.
     fn names(self) -> &'static [&'static str] {
         match self {
-            Self::Time => &["t", "time", "zeit", "timestamp", "times", "seconds", "temps", "tiempo"],
+            Self::Time => &[
+                "t",
+                "time",
+                "zeit",
+                "timestamp",
+                "times",
+                "seconds",
+                "temps",
+                "tiempo",
+            ],
             Self::Drive => &[
                 "u",
                 "v",
@@ -123,16 +132,26 @@ impl Quantity {
     #[must_use]
     pub fn likeness(self, bare_name: &str, unit: Option<&str>) -> u32 {
         let lower = bare_name.to_lowercase();
-        let mut tokens = lower.split(|c: char| !c.is_alphanumeric()).filter(|t| !t.is_empty());
+        let mut tokens = lower
+            .split(|c: char| !c.is_alphanumeric())
+            .filter(|t| !t.is_empty());
         let head = tokens.next().unwrap_or_default();
         let known = |token: &str| self.names().contains(&token);
-        let by_name = if known(head) { 3 } else { u32::from(tokens.any(known)) * 2 };
+        let by_name = if known(head) {
+            3
+        } else {
+            u32::from(tokens.any(known)) * 2
+        };
         match unit.and_then(dimension_of) {
             Some(dimension) if dimension == self.dimension() => by_name + 2,
             Some(Dimension::Voltage) if self == Self::Displacement => by_name,
             // Stages are driven by forces too, and read in angles and accelerations.
             Some(Dimension::Force | Dimension::Current) if self == Self::Drive => by_name,
-            Some(Dimension::Force | Dimension::Angle | Dimension::Acceleration) if self == Self::Displacement => by_name,
+            Some(Dimension::Force | Dimension::Angle | Dimension::Acceleration)
+                if self == Self::Displacement =>
+            {
+                by_name
+            }
             Some(_) => 0,
             None => by_name,
         }
@@ -178,7 +197,10 @@ pub struct SignalUnits {
 
 impl Default for SignalUnits {
     fn default() -> Self {
-        Self { drive: "V".into(), reading: "um".into() }
+        Self {
+            drive: "V".into(),
+            reading: "um".into(),
+        }
     }
 }
 
@@ -188,9 +210,12 @@ const PREFIXES: [&str; 7] = ["p", "n", "u", "m", "", "k", "M"];
 /// A unit with the prefix that is so many steps of a thousand away from its own; the unit itself with a power
 /// of ten where there is no such prefix.
 fn prefixed(unit: &str, steps: i32) -> String {
-    let own = PREFIXES
-        .iter()
-        .position(|p| !p.is_empty() && unit.strip_prefix(p).is_some_and(|base| is_unit(base) && is_unit(unit) && base != "in"));
+    let own = PREFIXES.iter().position(|p| {
+        !p.is_empty()
+            && unit
+                .strip_prefix(p)
+                .is_some_and(|base| is_unit(base) && is_unit(unit) && base != "in")
+    });
     let at = own.unwrap_or(4) as i32 + steps;
     let base = own.map_or(unit, |own| &unit[PREFIXES[own].len()..]);
     match usize::try_from(at).ok().and_then(|at| PREFIXES.get(at)) {
@@ -209,7 +234,9 @@ impl SignalUnits {
     pub fn exclude_a_ceramic(&self) -> bool {
         match dimension_of(&self.drive) {
             Some(Dimension::Force) => true,
-            Some(Dimension::Length | Dimension::Angle | Dimension::Acceleration) => dimension_of(&self.reading) == Some(Dimension::Force),
+            Some(Dimension::Length | Dimension::Angle | Dimension::Acceleration) => {
+                dimension_of(&self.reading) == Some(Dimension::Force)
+            }
             _ => false,
         }
     }
@@ -250,13 +277,30 @@ impl SignalUnits {
 /// which its span is between one and a thousand.
 #[must_use]
 pub fn own_unit(unit: &str, span: f64) -> (String, f64) {
-    let Some((_, dimension, factor)) = entry(unit) else { return (unit.trim().to_owned(), 1.0) };
-    let base = if *dimension == Dimension::Other { unit.trim() } else { dimension.unit() };
-    let factor = if *dimension == Dimension::Other { 1.0 } else { *factor };
+    let Some((_, dimension, factor)) = entry(unit) else {
+        return (unit.trim().to_owned(), 1.0);
+    };
+    let base = if *dimension == Dimension::Other {
+        unit.trim()
+    } else {
+        dimension.unit()
+    };
+    let factor = if *dimension == Dimension::Other {
+        1.0
+    } else {
+        *factor
+    };
     let span = span * factor;
     // Compound units take no prefix, and lengths have theirs.
-    let takes_prefix = matches!(dimension, Dimension::Voltage | Dimension::Force | Dimension::Angle | Dimension::Current);
-    let steps = if takes_prefix && span > 0.0 { ((span.log10() / 3.0).floor() as i32).clamp(-4, 2) } else { 0 };
+    let takes_prefix = matches!(
+        dimension,
+        Dimension::Voltage | Dimension::Force | Dimension::Angle | Dimension::Current
+    );
+    let steps = if takes_prefix && span > 0.0 {
+        ((span.log10() / 3.0).floor() as i32).clamp(-4, 2)
+    } else {
+        0
+    };
     (prefixed(base, steps), factor * 1000.0_f64.powi(-steps))
 }
 
@@ -270,7 +314,8 @@ pub fn is_voltage(unit: &str) -> bool {
 #[must_use]
 pub fn has_own_unit(quantity: Quantity, unit: &str) -> bool {
     let plain = !is_of_counts(unit) && !unit.contains("/V") && !unit.contains("/count");
-    let other = dimension_of(unit).is_some_and(|dimension| dimension != quantity.dimension() && dimension != Dimension::Time);
+    let other = dimension_of(unit)
+        .is_some_and(|dimension| dimension != quantity.dimension() && dimension != Dimension::Time);
     matches!(quantity, Quantity::Drive | Quantity::Displacement) && plain && other
 }
 
@@ -330,7 +375,11 @@ const UNITS: &[(&str, Dimension, f64)] = &[
 const COUNTS: [&str; 6] = ["count", "counts", "digit", "lsb", "bit", "1"];
 
 fn normal(unit: &str) -> String {
-    let inner = unit.trim().trim_start_matches(['[', '(', '{']).trim_end_matches([']', ')', '}']).trim();
+    let inner = unit
+        .trim()
+        .trim_start_matches(['[', '(', '{'])
+        .trim_end_matches([']', ')', '}'])
+        .trim();
     inner.to_lowercase().replace(['µ', 'μ'], "u")
 }
 
@@ -352,7 +401,10 @@ pub fn is_unit(text: &str) -> bool {
 /// Whether a unit shows that a column is no signal of a record: a temperature, a current.
 #[must_use]
 pub fn is_of_something_else(unit: Option<&str>) -> bool {
-    matches!(unit.and_then(dimension_of), Some(Dimension::Other | Dimension::Current))
+    matches!(
+        unit.and_then(dimension_of),
+        Some(Dimension::Other | Dimension::Current)
+    )
 }
 
 /// A column's name without its unit, and the unit: `t (ms)`, `u [mV]`, `pos_nm`, `y/um`, `C1 in V`,
@@ -368,7 +420,9 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
     {
         return parts(bare, unit);
     }
-    if let Some((bare, unit)) = name.rsplit_once(" in ").or_else(|| name.strip_prefix("in ").map(|unit| ("", unit)))
+    if let Some((bare, unit)) = name
+        .rsplit_once(" in ")
+        .or_else(|| name.strip_prefix("in ").map(|unit| ("", unit)))
         && is_unit(unit)
     {
         return parts(bare, unit);
@@ -390,7 +444,9 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
 /// contradicts a column that has one.
 #[must_use]
 pub fn is_of_counts(unit: &str) -> bool {
-    unit.trim().starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+')) && !unit.contains('/')
+    unit.trim()
+        .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))
+        && !unit.contains('/')
 }
 
 /// The factor that brings a column into the program's unit: of a unit (`mV`), or of a sensitivity (`5 um/V`:
@@ -400,24 +456,35 @@ pub fn is_of_counts(unit: &str) -> bool {
 /// Units that are not known, and units of something else.
 pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Result<f64> {
     let text = unit.trim();
-    let digits = text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))).unwrap_or(text.len());
+    let digits = text
+        .find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+')))
+        .unwrap_or(text.len());
     let (number, rest) = text.split_at(digits);
-    let (number, rest) = match rest
-        .strip_prefix(['e', 'E'])
-        .map(|rest| rest.split_at(rest.find(|c: char| !(c.is_ascii_digit() || c == '-' || c == '+')).unwrap_or(rest.len())))
-    {
-        Some((exponent, rest)) if !number.is_empty() && !exponent.is_empty() => (format!("{number}e{exponent}"), rest),
+    let (number, rest) = match rest.strip_prefix(['e', 'E']).map(|rest| {
+        rest.split_at(
+            rest.find(|c: char| !(c.is_ascii_digit() || c == '-' || c == '+'))
+                .unwrap_or(rest.len()),
+        )
+    }) {
+        Some((exponent, rest)) if !number.is_empty() && !exponent.is_empty() => {
+            (format!("{number}e{exponent}"), rest)
+        }
         _ => (number.to_owned(), rest),
     };
     let scale = match number.as_str() {
         "" | "+" => Some(1.0),
         "-" => Some(-1.0),
-        number => number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0),
+        number => number
+            .parse::<f64>()
+            .ok()
+            .filter(|v| v.is_finite() && *v != 0.0),
     };
-    let (numerator, denominator) = rest.split_once('/').map_or((rest, None), |(above, below)| (above, Some(below.trim())));
-    if let Some(below) =
-        denominator.filter(|below| dimension_of(below) != Some(Dimension::Voltage) && !COUNTS.contains(&normal(below).as_str()))
-    {
+    let (numerator, denominator) = rest
+        .split_once('/')
+        .map_or((rest, None), |(above, below)| (above, Some(below.trim())));
+    if let Some(below) = denominator.filter(|below| {
+        dimension_of(below) != Some(Dimension::Voltage) && !COUNTS.contains(&normal(below).as_str())
+    }) {
         return Err(Error::new(
             place,
             format!(
@@ -426,12 +493,23 @@ pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Resu
         ));
     }
     match (scale, entry(numerator)) {
-        (Some(scale), Some((_, dimension, factor))) if *dimension == quantity.dimension() => Ok(scale * factor),
+        (Some(scale), Some((_, dimension, factor))) if *dimension == quantity.dimension() => {
+            Ok(scale * factor)
+        }
         _ => {
-            let known: Vec<&str> = UNITS.iter().filter(|(_, d, _)| *d == quantity.dimension()).map(|(name, ..)| *name).collect();
+            let known: Vec<&str> = UNITS
+                .iter()
+                .filter(|(_, d, _)| *d == quantity.dimension())
+                .map(|(name, ..)| *name)
+                .collect();
             Err(Error::new(
                 place,
-                format!("{column}: unit \"{text}\" is not one of {} for {} ({})", known.join(", "), quantity.key(), quantity.words()),
+                format!(
+                    "{column}: unit \"{text}\" is not one of {} for {} ({})",
+                    known.join(", "),
+                    quantity.key(),
+                    quantity.words()
+                ),
             ))
         }
     }
@@ -456,7 +534,11 @@ mod tests {
             ("x_value", "x_value", None),
             ("data(2)", "data(2)", None),
         ] {
-            assert_eq!(split_name(name), (bare.to_owned(), unit.map(str::to_owned)), "{name}");
+            assert_eq!(
+                split_name(name),
+                (bare.to_owned(), unit.map(str::to_owned)),
+                "{name}"
+            );
         }
     }
 
@@ -474,13 +556,29 @@ mod tests {
             (Quantity::Displacement, "-nm", -1e-3),
             (Quantity::Drive, "15V/V", 15.0),
         ] {
-            assert!((of(quantity, unit).unwrap() / expected - 1.0).abs() < 1e-12, "{unit}");
+            assert!(
+                (of(quantity, unit).unwrap() / expected - 1.0).abs() < 1e-12,
+                "{unit}"
+            );
         }
-        assert!(has_own_unit(Quantity::Displacement, "V") && !has_own_unit(Quantity::Displacement, "5 um/V"));
-        assert!(of(Quantity::Drive, "nm").unwrap_err().to_string().contains("mv"));
+        assert!(
+            has_own_unit(Quantity::Displacement, "V")
+                && !has_own_unit(Quantity::Displacement, "5 um/V")
+        );
+        assert!(
+            of(Quantity::Drive, "nm")
+                .unwrap_err()
+                .to_string()
+                .contains("mv")
+        );
         assert!(of(Quantity::Time, "0ms").is_err());
         assert!(of(Quantity::Displacement, "0.3 nm/count").is_ok());
-        assert!(of(Quantity::Displacement, "5um/parsec").unwrap_err().to_string().contains("per \"parsec\""));
+        assert!(
+            of(Quantity::Displacement, "5um/parsec")
+                .unwrap_err()
+                .to_string()
+                .contains("per \"parsec\"")
+        );
     }
 
     #[test]
@@ -496,14 +594,26 @@ mod tests {
             assert_eq!(found, expected, "{unit}");
             assert!((of / factor - 1.0).abs() < 1e-5, "{unit}: {of}");
         }
-        let units = SignalUnits { drive: "N".into(), reading: "mV".into() };
-        assert_eq!(units.in_words("13.2 nm of 430 um at 3 V (um/V), Vibration"), "13.2 uV of 430 mV at 3 N (mV/N), Vibration");
+        let units = SignalUnits {
+            drive: "N".into(),
+            reading: "mV".into(),
+        };
+        assert_eq!(
+            units.in_words("13.2 nm of 430 um at 3 V (um/V), Vibration"),
+            "13.2 uV of 430 mV at 3 N (mV/N), Vibration"
+        );
         assert_eq!(SignalUnits::default().in_words("13.2 nm"), "13.2 nm");
     }
 
     #[test]
     fn a_structure_that_is_pushed_or_whose_force_is_read_is_no_ceramic() {
-        let of = |drive: &str, reading: &str| SignalUnits { drive: drive.into(), reading: reading.into() }.exclude_a_ceramic();
+        let of = |drive: &str, reading: &str| {
+            SignalUnits {
+                drive: drive.into(),
+                reading: reading.into(),
+            }
+            .exclude_a_ceramic()
+        };
         assert!(of("N", "um") && of("um", "N") && of("in", "kip"));
         // A force that a clamped ceramic gives, and a stage with a servo of its own.
         assert!(!SignalUnits::default().exclude_a_ceramic() && !of("V", "N") && !of("um", "um"));
@@ -512,7 +622,10 @@ mod tests {
     #[test]
     fn a_unit_speaks_louder_than_a_word() {
         assert!(Quantity::Drive.likeness("output", Some("V")) > 0);
-        assert!(Quantity::Displacement.likeness("sensor", Some("um")) > Quantity::Displacement.likeness("output", Some("V")));
+        assert!(
+            Quantity::Displacement.likeness("sensor", Some("um"))
+                > Quantity::Displacement.likeness("output", Some("V"))
+        );
         assert_eq!(Quantity::Displacement.likeness("x", Some("s")), 0);
         assert_eq!(Quantity::Drive.likeness("voltage", Some("°C")), 0);
     }

@@ -25,13 +25,25 @@ struct Dropped {
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn close(pool: &mut Pool, forgiven: &BTreeSet<String>, done: &mut BTreeSet<String>) -> Result<Selected> {
+pub fn close(
+    pool: &mut Pool,
+    forgiven: &BTreeSet<String>,
+    done: &mut BTreeSet<String>,
+) -> Result<Selected> {
     loop {
         let selected = select(pool, forgiven);
         let policy = &pool.study.policy;
-        let open: Vec<String> = selected.minimal.iter().take(policy.closed_around).filter(|k| !done.contains(*k)).cloned().collect();
+        let open: Vec<String> = selected
+            .minimal
+            .iter()
+            .take(policy.closed_around)
+            .filter(|k| !done.contains(*k))
+            .cloned()
+            .collect();
         let spent = done.len() >= policy.closures_max || pool.study.watch.stopped();
-        let Some(key) = open.into_iter().next().filter(|_| !spent) else { return Ok(selected) };
+        let Some(key) = open.into_iter().next().filter(|_| !spent) else {
+            return Ok(selected);
+        };
         close_around(pool, &key)?;
         done.insert(key);
     }
@@ -43,36 +55,72 @@ fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     if entry.held {
         return Ok(());
     }
-    study.watch.event(&WatchEvent::Doing("trying what else could do"));
+    study
+        .watch
+        .event(&WatchEvent::Doing("trying what else could do"));
     let dropped = drop_each(study, &entry);
     let tried = exchange_each(study, &entry, &dropped)?;
     let instead_of_two = exchange_pairs(study, &entry)?;
-    let finer: Vec<Entry> = dropped.iter().filter(|d| d.near).flat_map(|d| finer_than(study, &d.entry)).collect();
+    let finer: Vec<Entry> = dropped
+        .iter()
+        .filter(|d| d.near)
+        .flat_map(|d| finer_than(study, &d.entry))
+        .collect();
     let dropped = dropped.into_iter().map(|d| d.entry);
-    dropped.chain(finer).chain(tried).chain(instead_of_two).for_each(|entry| pool.keep(entry));
+    dropped
+        .chain(finer)
+        .chain(tried)
+        .chain(instead_of_two)
+        .for_each(|entry| pool.keep(entry));
     Ok(())
 }
 
 /// The moves without those whose effect is gone from a model.
 fn moves_in(entry: &Entry, model: &Model, by: Option<&str>) -> Vec<Move> {
-    let present = entry.moves.iter().filter(|m| model.effect(m.effect()).is_some()).cloned();
-    present.chain(by.map(|id| Move::Added(id.to_owned()))).collect()
+    let present = entry
+        .moves
+        .iter()
+        .filter(|m| model.effect(m.effect()).is_some())
+        .cloned();
+    present
+        .chain(by.map(|id| Move::Added(id.to_owned())))
+        .collect()
 }
 
 /// Whether an effect may be dropped: loops that were added in the place of a gain go back to one.
 fn may_go(entry: &Entry, id: &str) -> bool {
-    entry.judged.model.effect(id).is_none_or(|e| e.effect.may_leave() || e.effect.declaration().is_main())
+    entry
+        .judged
+        .model
+        .effect(id)
+        .is_none_or(|e| e.effect.may_leave() || e.effect.declaration().is_main())
 }
 
 /// The model without each of the added effects.
 fn drop_each(study: &Study, entry: &Entry) -> Vec<Dropped> {
-    let leaving: Vec<String> = entry.added().into_iter().filter(|id| may_go(entry, id)).collect();
+    let leaving: Vec<String> = entry
+        .added()
+        .into_iter()
+        .filter(|id| may_go(entry, id))
+        .collect();
     parallel::map(&leaving, |id| {
-        let quick = study.quickly_within(&study.without(&entry.judged.model, id), entry.merit, FAR_BEHIND);
+        let quick = study.quickly_within(
+            &study.without(&entry.judged.model, id),
+            entry.merit,
+            FAR_BEHIND,
+        );
         let near = study.merit(&quick) < entry.merit + study.policy.in_contention;
-        let judged = if near { study.for_comparison(&quick.model) } else { quick };
+        let judged = if near {
+            study.for_comparison(&quick.model)
+        } else {
+            quick
+        };
         let moves = moves_in(entry, &judged.model, None);
-        Dropped { id: id.clone(), near, entry: Entry::new(study, moves, judged, near) }
+        Dropped {
+            id: id.clone(),
+            near,
+            entry: Entry::new(study, moves, judged, near),
+        }
     })
 }
 
@@ -82,9 +130,19 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
         return Vec::new();
     }
     let model = &without.judged.model;
-    let finer: Vec<Model> = study.finer(model).into_iter().chain(study.finer_plays(model)).chain(study.finer_creep(model)).collect();
-    let fitted = parallel::map(&finer, |begin| study.quickly_within(begin, without.merit, FAR_BEHIND));
-    fitted.into_iter().map(|judged| Entry::new(study, without.moves.clone(), judged, false)).collect()
+    let finer: Vec<Model> = study
+        .finer(model)
+        .into_iter()
+        .chain(study.finer_plays(model))
+        .chain(study.finer_creep(model))
+        .collect();
+    let fitted = parallel::map(&finer, |begin| {
+        study.quickly_within(begin, without.merit, FAR_BEHIND)
+    });
+    fitted
+        .into_iter()
+        .map(|judged| Entry::new(study, without.moves.clone(), judged, false))
+        .collect()
 }
 
 /// Others that do much the same in the place of each effect. Where held-out records are not met, what loops
@@ -103,12 +161,19 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
     let mut trials: Vec<(&Dropped, &CandidateScore)> = Vec::new();
     for (d, screening) in dropped.iter().zip(&screenings) {
         let doing_as = screening.doing_as(&d.id, study.policy.rival, study.policy.rival_similarity);
-        let others = doing_as.into_iter().filter(|s| entry.judged.model.effect(&s.id).is_none());
+        let others = doing_as
+            .into_iter()
+            .filter(|s| entry.judged.model.effect(&s.id).is_none());
         trials.extend(others.take(study.policy.rivals).map(|s| (d, s)));
     }
     let fitted = parallel::map(&trials, |(d, score)| {
         let judged = in_its_place(study, entry, d, score);
-        Entry::new(study, moves_in(&d.entry, &judged.model, Some(&score.id)), judged, false)
+        Entry::new(
+            study,
+            moves_in(&d.entry, &judged.model, Some(&score.id)),
+            judged,
+            false,
+        )
     });
     Ok(fitted)
 }
@@ -118,7 +183,11 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
 fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &CandidateScore) -> Judged {
     let base = &dropped.entry.judged.model;
     let begin = |start: &Vec<f64>| study.with(base, &[(score.effect.clone(), start.clone())]);
-    let starts = if score.effect.starts_combine() { 1 } else { study.policy.guesses };
+    let starts = if score.effect.starts_combine() {
+        1
+    } else {
+        study.policy.guesses
+    };
     let same_law = same_law(study, entry, &dropped.id, score);
     let begun = score.starts.iter().take(starts).map(begin).chain(same_law);
     let fitted = begun.map(|model| study.quickly_within(&model, entry.merit, FAR_BEHIND));
@@ -129,27 +198,52 @@ fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Candida
 /// An effect at the values of another of the same law, as lags in front of a mode and behind it are.
 fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> Option<Model> {
     let instance = entry.judged.model.effect(id)?;
-    let names =
-        |effect: &dyn hysteron_sim::effect::Effect| effect.parameters(&study.overview).into_iter().map(|p| p.name).collect::<Vec<_>>();
+    let names = |effect: &dyn hysteron_sim::effect::Effect| {
+        effect
+            .parameters(&study.overview)
+            .into_iter()
+            .map(|p| p.name)
+            .collect::<Vec<_>>()
+    };
     let same = names(instance.effect.as_ref()) == names(score.effect.as_ref());
-    same.then(|| study.with(&study.without(&entry.judged.model, id), &[(score.effect.clone(), instance.values())]))
+    same.then(|| {
+        study.with(
+            &study.without(&entry.judged.model, id),
+            &[(score.effect.clone(), instance.values())],
+        )
+    })
 }
 
 /// One effect in the place of every two, where the noise is near enough to show it: two lags that were added
 /// one after the other may stand in for a delay.
 fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
-    let leaving: Vec<String> = entry.added().into_iter().filter(|id| may_go(entry, id)).collect();
+    let leaving: Vec<String> = entry
+        .added()
+        .into_iter()
+        .filter(|id| may_go(entry, id))
+        .collect();
     if leaving.len() < 2 || !study.near_the_noise(&entry.judged) {
         return Ok(Vec::new());
     }
-    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b])).collect();
-    let without = parallel::map(&pairs, |[a, b]| study.quickly(&study.without(&study.without(&entry.judged.model, a), b)));
-    let scored = parallel::map(&without, |judged| study.score_each(&judged.model, &study.candidates_for(&judged.model)));
+    let pairs: Vec<[&String; 2]> = leaving
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b]))
+        .collect();
+    let without = parallel::map(&pairs, |[a, b]| {
+        study.quickly(&study.without(&study.without(&entry.judged.model, a), b))
+    });
+    let scored = parallel::map(&without, |judged| {
+        study.score_each(&judged.model, &study.candidates_for(&judged.model))
+    });
     let mut promising: Vec<(f64, &Judged, CandidateScore)> = Vec::new();
     for (judged, screening) in without.iter().zip(scored) {
         let screening = screening?;
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
-        let new = screening.scores.iter().filter(|s| entry.judged.model.effect(&s.id).is_none());
+        let new = screening
+            .scores
+            .iter()
+            .filter(|s| entry.judged.model.effect(&s.id).is_none());
         for score in new.take(study.policy.guesses) {
             let left = (1.0 - score.explained_um2 / total).max(f64::MIN_POSITIVE);
             promising.push((study.merit(judged) + 0.5 * left.ln(), judged, score.clone()));
@@ -158,13 +252,21 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.2.id.cmp(&b.2.id)));
     promising.truncate(study.policy.rivals);
     let fitted = parallel::map(&promising, |(_, judged, score)| {
-        let begin = study.with(&judged.model, &[(score.effect.clone(), score.starts[0].clone())]);
+        let begin = study.with(
+            &judged.model,
+            &[(score.effect.clone(), score.starts[0].clone())],
+        );
         let mut one = study.quickly(&begin);
         if study.merit(&one) < entry.merit + study.policy.in_contention {
             // The values of the others are still those that made up for it.
             one = study.begun_again(&study.for_comparison(&one.model))?;
         }
-        Ok(Entry::new(study, moves_in(entry, &one.model, Some(&score.id)), one, false))
+        Ok(Entry::new(
+            study,
+            moves_in(entry, &one.model, Some(&score.id)),
+            one,
+            false,
+        ))
     });
     fitted.into_iter().collect()
 }

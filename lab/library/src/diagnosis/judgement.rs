@@ -26,14 +26,28 @@ impl Split {
     /// and nothing judges.
     #[must_use]
     pub fn of(dataset: &Dataset) -> Self {
-        let (identify, validate) = (dataset.with_role(Role::Identify), dataset.with_role(Role::Validate));
-        if identify.is_empty() { Self { identify: validate, validate: Vec::new() } } else { Self { identify, validate } }
+        let (identify, validate) = (
+            dataset.with_role(Role::Identify),
+            dataset.with_role(Role::Validate),
+        );
+        if identify.is_empty() {
+            Self {
+                identify: validate,
+                validate: Vec::new(),
+            }
+        } else {
+            Self { identify, validate }
+        }
     }
 
     /// All records that judge a model.
     #[must_use]
     pub fn both(&self) -> Vec<usize> {
-        self.identify.iter().chain(&self.validate).copied().collect()
+        self.identify
+            .iter()
+            .chain(&self.validate)
+            .copied()
+            .collect()
     }
 }
 
@@ -60,8 +74,17 @@ impl Judged {
     /// The floor with what the noise of the drive's column makes in the readings of this model, as
     /// [`NoiseFloor::beside`].
     #[must_use]
-    pub fn floor_beside(&self, floor: &NoiseFloor, explained: f64, dataset: &Dataset) -> Option<NoiseFloor> {
-        let left_um: Vec<Option<f64>> = self.residuals.iter().map(|r| (!r.is_empty()).then(|| rms(r))).collect();
+    pub fn floor_beside(
+        &self,
+        floor: &NoiseFloor,
+        explained: f64,
+        dataset: &Dataset,
+    ) -> Option<NoiseFloor> {
+        let left_um: Vec<Option<f64>> = self
+            .residuals
+            .iter()
+            .map(|r| (!r.is_empty()).then(|| rms(r)))
+            .collect();
         floor.beside(&self.model, &left_um, explained, dataset)
     }
 
@@ -74,20 +97,33 @@ impl Judged {
             of_records.sort_by(f64::total_cmp);
             of_records.iter().sum()
         };
-        [&split.identify, &split.validate].into_iter().all(|records| {
-            let squares_of_floor = |i: &usize| floors_um[*i].map(|floor_um| floor_um * floor_um * self.residuals[*i].len() as f64);
-            let floor: Option<Vec<f64>> = records.iter().map(squares_of_floor).collect();
-            let left = sum(records.iter().map(|i| dot(&self.residuals[*i], &self.residuals[*i])).collect());
-            records.is_empty() || floor.is_some_and(|floor| left < times * times * sum(floor))
-        })
+        [&split.identify, &split.validate]
+            .into_iter()
+            .all(|records| {
+                let squares_of_floor = |i: &usize| {
+                    floors_um[*i]
+                        .map(|floor_um| floor_um * floor_um * self.residuals[*i].len() as f64)
+                };
+                let floor: Option<Vec<f64>> = records.iter().map(squares_of_floor).collect();
+                let left = sum(records
+                    .iter()
+                    .map(|i| dot(&self.residuals[*i], &self.residuals[*i]))
+                    .collect());
+                records.is_empty() || floor.is_some_and(|floor| left < times * times * sum(floor))
+            })
     }
 }
 
 pub(crate) fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
-    let mut by_size: Vec<(f64, usize)> = records.iter().map(|&i| (dot(&residuals[i], &residuals[i]), residuals[i].len())).collect();
+    let mut by_size: Vec<(f64, usize)> = records
+        .iter()
+        .map(|&i| (dot(&residuals[i], &residuals[i]), residuals[i].len()))
+        .collect();
     // The same sum whatever the order of the records.
     by_size.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (sum, count) = by_size.iter().fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
+    let (sum, count) = by_size
+        .iter()
+        .fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
@@ -102,14 +138,21 @@ pub fn judge(model: Model, dataset: &Dataset, split: &Split) -> Judged {
 pub fn noise_floor_beside(model: &Model, dataset: &Dataset) -> NoiseFloor {
     let floor = noise_floor(dataset);
     let judged = judge(model.clone(), dataset, &Split::of(dataset));
-    judged.floor_beside(&floor, Policy::default().explained, dataset).unwrap_or(floor)
+    judged
+        .floor_beside(&floor, Policy::default().explained, dataset)
+        .unwrap_or(floor)
 }
 
 /// Judges a fitted model on the samples that count.
 #[must_use]
 pub fn judge_rows(model: Model, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
     let each = rows.residuals(&model, dataset);
-    judged_by(model, dataset, split, rows.records.iter().map(|(i, _)| *i).zip(each))
+    judged_by(
+        model,
+        dataset,
+        split,
+        rows.records.iter().map(|(i, _)| *i).zip(each),
+    )
 }
 
 /// Judges what a fit came to on the samples that count; of those that were fitted it says itself what it
@@ -125,15 +168,30 @@ pub fn judge_fit(fit: Fit, fitted: &Rows, dataset: &Dataset, split: &Split, rows
         .collect();
     let others = rows.without(fitted);
     let each = others.residuals(&fit.model, dataset);
-    judged_by(fit.model, dataset, split, others.records.iter().map(|(i, _)| *i).zip(each).chain(said))
+    judged_by(
+        fit.model,
+        dataset,
+        split,
+        others.records.iter().map(|(i, _)| *i).zip(each).chain(said),
+    )
 }
 
-fn judged_by(model: Model, dataset: &Dataset, split: &Split, each: impl Iterator<Item = (usize, DVector<f64>)>) -> Judged {
+fn judged_by(
+    model: Model,
+    dataset: &Dataset,
+    split: &Split,
+    each: impl Iterator<Item = (usize, DVector<f64>)>,
+) -> Judged {
     let mut residuals = vec![Vec::new(); dataset.records.len()];
     each.for_each(|(i, residual)| residuals[i] = residual.as_slice().to_vec());
     let identify_rms_um = rms_of(&residuals, &split.identify).unwrap_or(0.0);
     let validate_rms_um = rms_of(&residuals, &split.validate);
-    Judged { model, residuals, identify_rms_um, validate_rms_um }
+    Judged {
+        model,
+        residuals,
+        identify_rms_um,
+        validate_rms_um,
+    }
 }
 
 /// The effect behind which a model first gives something that is no number under a drive, and the sample,
@@ -159,8 +217,14 @@ pub fn first_not_finite(model: &Model, drive: &Drive) -> Option<(String, usize)>
 ///
 /// # Errors
 /// The record that lacks one, and which.
-pub fn require_signals<'e>(effects: impl IntoIterator<Item = &'e Arc<dyn Effect>>, dataset: &Dataset) -> Result<()> {
-    for (effect, name) in effects.into_iter().flat_map(|e| e.auxiliary().iter().map(move |name| (e, name))) {
+pub fn require_signals<'e>(
+    effects: impl IntoIterator<Item = &'e Arc<dyn Effect>>,
+    dataset: &Dataset,
+) -> Result<()> {
+    for (effect, name) in effects
+        .into_iter()
+        .flat_map(|e| e.auxiliary().iter().map(move |name| (e, name)))
+    {
         let lacks = |record: &&Record| record.auxiliary.iter().all(|signal| signal.name != *name);
         if let Some(record) = dataset.records.iter().find(lacks) {
             return Err(Error::new(
@@ -182,10 +246,17 @@ pub fn require_signals<'e>(effects: impl IntoIterator<Item = &'e Arc<dyn Effect>
 /// # Errors
 /// [`Error::NotFinite`].
 pub fn require_finite(model: &Model, dataset: &Dataset, records: &[usize]) -> Result<()> {
-    require_signals(model.effects.iter().map(|instance| &instance.effect), dataset)?;
+    require_signals(
+        model.effects.iter().map(|instance| &instance.effect),
+        dataset,
+    )?;
     for record in records.iter().map(|i| &dataset.records[*i]) {
         if let Some((effect, sample)) = first_not_finite(model, &record.drive()) {
-            return Err(Error::NotFinite { effect, record: record.name.clone(), sample: sample + 1 });
+            return Err(Error::NotFinite {
+                effect,
+                record: record.name.clone(),
+                sample: sample + 1,
+            });
         }
     }
     Ok(())
@@ -202,14 +273,22 @@ mod tests {
     /// as were fitted, once more.
     #[test]
     fn what_a_fit_says_that_it_leaves_is_what_the_model_leaves() {
-        let drive_v: Vec<f64> = (0..3000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();
-        let records = [("a", 1.0, Role::Identify), ("b", 1.1, Role::Validate)].map(|(name, bend, role)| {
-            let read_um: Vec<f64> =
-                (0..3000_usize).map(|k| 0.1 * drive_v[k.saturating_sub(1)] + 1e-4 * bend * drive_v[k.saturating_sub(3)]).collect();
-            let mut record = Record::new(name, 1000.0, drive_v.clone(), read_um).with_role(role);
-            record.initial_state = InitialState::Unknown;
-            record
-        });
+        let drive_v: Vec<f64> = (0..3000)
+            .map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos())
+            .collect();
+        let records =
+            [("a", 1.0, Role::Identify), ("b", 1.1, Role::Validate)].map(|(name, bend, role)| {
+                let read_um: Vec<f64> = (0..3000_usize)
+                    .map(|k| {
+                        0.1 * drive_v[k.saturating_sub(1)]
+                            + 1e-4 * bend * drive_v[k.saturating_sub(3)]
+                    })
+                    .collect();
+                let mut record =
+                    Record::new(name, 1000.0, drive_v.clone(), read_um).with_role(role);
+                record.initial_state = InitialState::Unknown;
+                record
+            });
         let dataset = Dataset::new("d", 0.0, 100.0, records.to_vec()).unwrap();
         let split = Split::of(&dataset);
         let mut model = Model::new(0.0, 100.0);
@@ -219,10 +298,21 @@ mod tests {
         let fitted = Rows::strided(&dataset, &split.identify, 3);
         for stride in [3, 2] {
             let rows = Rows::strided(&dataset, &split.both(), stride);
-            let by_fit = judge_fit(fit_rows(&model, &dataset, &fitted, Effort::default()), &fitted, &dataset, &split, &rows);
+            let by_fit = judge_fit(
+                fit_rows(&model, &dataset, &fitted, Effort::default()),
+                &fitted,
+                &dataset,
+                &split,
+                &rows,
+            );
             let by_itself = judge_rows(by_fit.model.clone(), &dataset, &split, &rows);
             assert_eq!(by_fit.validate_rms_um, by_itself.validate_rms_um);
-            for (a, b) in by_fit.residuals.iter().flatten().zip(by_itself.residuals.iter().flatten()) {
+            for (a, b) in by_fit
+                .residuals
+                .iter()
+                .flatten()
+                .zip(by_itself.residuals.iter().flatten())
+            {
                 assert!((a - b).abs() < 1e-11, "{a} {b}");
             }
             assert_eq!(

@@ -24,17 +24,29 @@ const AMPLIFIED_MAX: f64 = 100.0;
 /// `noise_um` is the standard deviation of the noise; without it the noise is taken from the fastest quarter
 /// of the spectrum.
 #[must_use]
-pub fn latent_force_nm(model: &Model, residual_um: &[f64], sample_rate_hz: f64, noise_um: Option<f64>) -> Vec<f64> {
+pub fn latent_force_nm(
+    model: &Model,
+    residual_um: &[f64],
+    sample_rate_hz: f64,
+    noise_um: Option<f64>,
+) -> Vec<f64> {
     let n = residual_um.len();
     if n < 16 {
         return Vec::new();
     }
     // Mirrored, so that the ends meet without a jump.
-    let mirrored: Vec<f64> = residual_um.iter().chain(residual_um.iter().rev()).copied().collect();
+    let mirrored: Vec<f64> = residual_um
+        .iter()
+        .chain(residual_um.iter().rev())
+        .copied()
+        .collect();
     let power = averaged(&periodogram(&mirrored));
     let noise_power = noise_um.map_or_else(|| mean(&power[power.len() * 3 / 4..]), |um| um * um);
     let mut planner = RealFftPlanner::<f64>::new();
-    let (forward, back) = (planner.plan_fft_forward(2 * n), planner.plan_fft_inverse(2 * n));
+    let (forward, back) = (
+        planner.plan_fft_forward(2 * n),
+        planner.plan_fft_inverse(2 * n),
+    );
     let (mut spectrum, mut input) = (forward.make_output_vec(), mirrored);
     if forward.process(&mut input, &mut spectrum).is_err() {
         return Vec::new();
@@ -61,10 +73,16 @@ pub fn latent_force_nm(model: &Model, residual_um: &[f64], sample_rate_hz: f64, 
 
 /// Static compliance over that of the first mode at a frequency.
 fn way_back(model: &Model, frequency_hz: f64) -> Complex<f64> {
-    let Some(values) = model.values(vibration::ID) else { return Complex::new(1.0, 0.0) };
+    let Some(values) = model.values(vibration::ID) else {
+        return Complex::new(1.0, 0.0);
+    };
     let ratio = std::f64::consts::TAU * frequency_hz / values[0];
     let inverse = Complex::new(1.0 - ratio * ratio, 2.0 * values[1] * ratio);
-    if inverse.norm() > AMPLIFIED_MAX { Complex::new(0.0, 0.0) } else { inverse }
+    if inverse.norm() > AMPLIFIED_MAX {
+        Complex::new(0.0, 0.0)
+    } else {
+        inverse
+    }
 }
 
 /// A spectrum averaged over neighbours, the wider the higher the frequency.
@@ -94,8 +112,14 @@ mod tests {
     fn a_force_in_front_of_the_mode_is_found_again() {
         let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
-        model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[4000.0, 0.1]));
-        let force: Vec<f64> = (0..8000).map(|k| 0.05 * (std::f64::consts::TAU * 300.0 * f64::from(k) / 20_000.0).sin()).collect();
+        model.add(EffectInstance::new(
+            by_id("vibration").unwrap(),
+            &overview,
+            &[4000.0, 0.1],
+        ));
+        let force: Vec<f64> = (0..8000)
+            .map(|k| 0.05 * (std::f64::consts::TAU * 300.0 * f64::from(k) / 20_000.0).sin())
+            .collect();
         let drive = Drive::held(&force, 5e-5, InitialState::Virgin);
         let left: Vec<f64> = model.simulate(&drive);
         let found = latent_force_nm(&model, &left, 20_000.0, Some(1e-4));
@@ -103,7 +127,12 @@ mod tests {
         // sample is held half a period late.
         for k in 3000..5000 {
             let held = 0.5 * (force[k] + force[k - 1]);
-            assert!((found[k] - 1e3 * held).abs() < 2.5, "{k}: {} {}", found[k], 1e3 * held);
+            assert!(
+                (found[k] - 1e3 * held).abs() < 2.5,
+                "{k}: {} {}",
+                found[k],
+                1e3 * held
+            );
         }
     }
 
@@ -112,11 +141,17 @@ mod tests {
         let mut state = 1_u64;
         let noise: Vec<f64> = (0..4000)
             .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
                 0.01 * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
             })
             .collect();
         let force = latent_force_nm(&Model::new(0.0, 1.0), &noise, 1000.0, Some(0.01));
-        assert!(crate::identification::fit::rms(&force) < 0.3 * 10.0, "{}", crate::identification::fit::rms(&force));
+        assert!(
+            crate::identification::fit::rms(&force) < 0.3 * 10.0,
+            "{}",
+            crate::identification::fit::rms(&force)
+        );
     }
 }

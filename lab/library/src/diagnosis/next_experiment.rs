@@ -68,8 +68,11 @@ impl Proposal {
     /// many samples. Where no noise is known, it may.
     #[must_use]
     pub fn decides(&self, noise_um: Option<f64>) -> bool {
-        let decided = |noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um;
-        noise_um.is_none_or(|noise_um| decided(noise_um) && self.separation_um > SIMULATED_TO * noise_um)
+        let decided =
+            |noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um;
+        noise_um.is_none_or(|noise_um| {
+            decided(noise_um) && self.separation_um > SIMULATED_TO * noise_um
+        })
     }
 
     /// What the drive decides and how well, for a reader. `noise_um` is the noise floor, if there is one.
@@ -78,7 +81,9 @@ impl Proposal {
         let duration_s = self.drive_v.len() as f64 / self.sample_rate_hz;
         let separation_nm = 1e3 * self.separation_um;
         let against = match noise_um {
-            Some(noise_um) if noise_um > 0.0 => format!(", {:.2} x the noise", self.separation_um / noise_um),
+            Some(noise_um) if noise_um > 0.0 => {
+                format!(", {:.2} x the noise", self.separation_um / noise_um)
+            }
             _ => String::new(),
         };
         format!(
@@ -106,7 +111,12 @@ pub fn propose(a: &Model, b: &Model, limits: &Limits) -> Option<Proposal> {
         .into_iter()
         .map(|(drive, sample_rate_hz, drive_v)| {
             let separation_um = separation(a, b, &drive_v, sample_rate_hz);
-            Proposal { drive, sample_rate_hz, drive_v, separation_um }
+            Proposal {
+                drive,
+                sample_rate_hz,
+                drive_v,
+                separation_um,
+            }
         })
         .filter(|proposal| proposal.separation_um.is_finite())
         .max_by(|p, q| p.separation_um.total_cmp(&q.separation_um))
@@ -120,24 +130,42 @@ pub fn separation(a: &Model, b: &Model, drive_v: &[f64], sample_rate_hz: f64) ->
     let count = a.len().max(1) as f64;
     let mean_a = a.iter().sum::<f64>() / count;
     let mean = a.iter().zip(&b).map(|(a, b)| a - b).sum::<f64>() / count;
-    let along: f64 = a.iter().zip(&b).map(|(a, b)| (a - mean_a) * (a - b - mean)).sum();
+    let along: f64 = a
+        .iter()
+        .zip(&b)
+        .map(|(a, b)| (a - mean_a) * (a - b - mean))
+        .sum();
     let power: f64 = a.iter().map(|a| (a - mean_a).powi(2)).sum();
     let slope = if power > 0.0 { along / power } else { 0.0 };
-    let rest = a.iter().zip(&b).map(|(a, b)| (a - b - mean - slope * (a - mean_a)).powi(2)).sum::<f64>();
+    let rest = a
+        .iter()
+        .zip(&b)
+        .map(|(a, b)| (a - b - mean - slope * (a - mean_a)).powi(2))
+        .sum::<f64>();
     (rest / count).sqrt()
 }
 
 /// Drives that keep the limits: name, sampling rate, voltages.
 fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
     let range_v = limits.drive_max_v - limits.drive_min_v;
-    let usable = [range_v, limits.slope_max_v_s, limits.duration_max_s, limits.sample_rate_hz];
-    if usable.iter().any(|value| !(value.is_finite() && *value > 0.0)) {
+    let usable = [
+        range_v,
+        limits.slope_max_v_s,
+        limits.duration_max_s,
+        limits.sample_rate_hz,
+    ];
+    if usable
+        .iter()
+        .any(|value| !(value.is_finite() && *value > 0.0))
+    {
         return Vec::new();
     }
     let at = |share: f64| limits.drive_min_v + share * range_v;
     let rate_for = |duration_s: f64| (SAMPLES_MAX / duration_s).min(limits.sample_rate_hz);
     // The steepest point of a half cosine of height `range_v` is pi / 2 times its mean slope.
-    let rise_s = |rate_hz: f64| (std::f64::consts::FRAC_PI_2 * range_v / limits.slope_max_v_s).max(4.0 / rate_hz);
+    let rise_s = |rate_hz: f64| {
+        (std::f64::consts::FRAC_PI_2 * range_v / limits.slope_max_v_s).max(4.0 / rate_hz)
+    };
     let mut out = Vec::new();
 
     let rate_hz = rate_for(limits.duration_max_s);
@@ -152,14 +180,27 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
             parts.push(hold(rate_hz, level, held_s));
             from = level;
         }
-        out.push(("steps of several heights, each held", rate_hz, concatenate(&parts)));
+        out.push((
+            "steps of several heights, each held",
+            rate_hz,
+            concatenate(&parts),
+        ));
     }
 
-    let vertices = [0.0, 0.4, 0.1, 0.7, 0.3, 0.55, 0.2, 1.0, 0.5, 0.85, 0.4, 0.75, 0.0].map(at);
+    let vertices = [
+        0.0, 0.4, 0.1, 0.7, 0.3, 0.55, 0.2, 1.0, 0.5, 0.85, 0.4, 0.75, 0.0,
+    ]
+    .map(at);
     let path_v: f64 = vertices.windows(2).map(|v| (v[1] - v[0]).abs()).sum();
     for (name, slope_v_s) in [
-        ("slow triangles with nested reversals", path_v / limits.duration_max_s),
-        ("fast triangles with nested reversals", 0.5 * limits.slope_max_v_s),
+        (
+            "slow triangles with nested reversals",
+            path_v / limits.duration_max_s,
+        ),
+        (
+            "fast triangles with nested reversals",
+            0.5 * limits.slope_max_v_s,
+        ),
     ] {
         let slope_v_s = slope_v_s.max(path_v / limits.duration_max_s);
         let rate_hz = rate_for(path_v / slope_v_s);
@@ -171,15 +212,25 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
     let rate_hz = limits.sample_rate_hz;
     let approach = half_cosines(rate_hz, rise_s(rate_hz), &[limits.drive_min_v, at(0.5)]);
     let back = half_cosines(rate_hz, rise_s(rate_hz), &[at(0.5), limits.drive_min_v]);
-    for (name, share) in [("large sine bursts of rising frequency", 0.45), ("small sine bursts of rising frequency", 0.1)] {
+    for (name, share) in [
+        ("large sine bursts of rising frequency", 0.45),
+        ("small sine bursts of rising frequency", 0.1),
+    ] {
         let mut parts = vec![approach.clone()];
         for frequency_hz in [1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0] {
             let duration_s = 10.0 / frequency_hz;
             // The window adds a slope of its own, of at most pi / (10 cycles) of the sine's: a tenth of the
             // limit is left for it.
-            let amplitude_v = (share * range_v).min(0.9 * limits.slope_max_v_s / (std::f64::consts::TAU * frequency_hz));
+            let amplitude_v = (share * range_v)
+                .min(0.9 * limits.slope_max_v_s / (std::f64::consts::TAU * frequency_hz));
             if frequency_hz <= rate_hz / 10.0 && duration_s < limits.duration_max_s / 10.0 {
-                parts.push(sine_burst(rate_hz, frequency_hz, amplitude_v, at(0.5), duration_s));
+                parts.push(sine_burst(
+                    rate_hz,
+                    frequency_hz,
+                    amplitude_v,
+                    at(0.5),
+                    duration_s,
+                ));
             }
         }
         parts.push(back.clone());
@@ -188,8 +239,13 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
     }
 
     out.retain(|(_, rate_hz, drive_v)| {
-        let inside = |u: &f64| (limits.drive_min_v - 1e-9 * range_v..=limits.drive_max_v + 1e-9 * range_v).contains(u);
-        let slope_v_s = drive_v.windows(2).map(|v| (v[1] - v[0]).abs() * rate_hz).fold(0.0, f64::max);
+        let inside = |u: &f64| {
+            (limits.drive_min_v - 1e-9 * range_v..=limits.drive_max_v + 1e-9 * range_v).contains(u)
+        };
+        let slope_v_s = drive_v
+            .windows(2)
+            .map(|v| (v[1] - v[0]).abs() * rate_hz)
+            .fold(0.0, f64::max);
         drive_v.len() > 16
             && drive_v.len() <= samples_in(*rate_hz, limits.duration_max_s) + 16
             && drive_v.iter().all(inside)
@@ -204,11 +260,20 @@ mod tests {
     use hysteron_sim::chain::EffectInstance;
     use hysteron_sim::effect::by_id;
 
-    const LIMITS: Limits =
-        Limits { drive_min_v: 0.0, drive_max_v: 70.0, slope_max_v_s: 40_000.0, duration_max_s: 30.0, sample_rate_hz: 20_000.0 };
+    const LIMITS: Limits = Limits {
+        drive_min_v: 0.0,
+        drive_max_v: 70.0,
+        slope_max_v_s: 40_000.0,
+        duration_max_s: 30.0,
+        sample_rate_hz: 20_000.0,
+    };
 
     fn model(effects: &[(&str, &[f64])]) -> Model {
-        let overview = Overview { range_um: 10.0, gain_um_v: 0.14, ..Overview::without_data(0.0, 70.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            gain_um_v: 0.14,
+            ..Overview::without_data(0.0, 70.0)
+        };
         let mut model = Model::new(0.0, 70.0);
         for (id, values) in effects {
             let mut instance = EffectInstance::new(by_id(id).unwrap(), &overview, values);
@@ -222,19 +287,44 @@ mod tests {
 
     #[test]
     fn every_drive_keeps_the_limits_and_comes_back() {
-        for limits in
-            [LIMITS, Limits { slope_max_v_s: 300.0, duration_max_s: 5.0, sample_rate_hz: 1000.0, drive_min_v: -90.0, drive_max_v: 90.0 }]
-        {
+        for limits in [
+            LIMITS,
+            Limits {
+                slope_max_v_s: 300.0,
+                duration_max_s: 5.0,
+                sample_rate_hz: 1000.0,
+                drive_min_v: -90.0,
+                drive_max_v: 90.0,
+            },
+        ] {
             let drives = drives(&limits);
             assert!(drives.len() >= 2, "{}", drives.len());
             for (name, rate_hz, drive_v) in drives {
                 let last = drive_v.last().unwrap();
-                assert!((last - limits.drive_min_v).abs() < 1e-6, "{name} ends at {last} V");
-                assert!(drive_v.len() as f64 / rate_hz < 1.05 * limits.duration_max_s, "{name}");
+                assert!(
+                    (last - limits.drive_min_v).abs() < 1e-6,
+                    "{name} ends at {last} V"
+                );
+                assert!(
+                    drive_v.len() as f64 / rate_hz < 1.05 * limits.duration_max_s,
+                    "{name}"
+                );
             }
         }
-        assert!(drives(&Limits { duration_max_s: f64::NAN, ..LIMITS }).is_empty());
-        assert!(drives(&Limits { drive_max_v: 0.0, ..LIMITS }).is_empty());
+        assert!(
+            drives(&Limits {
+                duration_max_s: f64::NAN,
+                ..LIMITS
+            })
+            .is_empty()
+        );
+        assert!(
+            drives(&Limits {
+                drive_max_v: 0.0,
+                ..LIMITS
+            })
+            .is_empty()
+        );
     }
 
     #[test]
@@ -246,19 +336,32 @@ mod tests {
         assert_eq!(held.drive, "steps of several heights, each held");
         let lag = model(&[gain, ("sensor_bandwidth", &[800.0])]);
         let fast = propose(&plain, &lag, &LIMITS).unwrap();
-        assert!(fast.drive.contains("fast") || fast.drive.contains("bursts"), "{}", fast.drive);
+        assert!(
+            fast.drive.contains("fast") || fast.drive.contains("bursts"),
+            "{}",
+            fast.drive
+        );
         assert!(fast.separation_um > 0.01);
         let sentence = fast.sentence("delay", "sensor_bandwidth", Some(0.005));
-        assert!(sentence.contains("x the noise") && sentence.contains(fast.drive), "{sentence}");
+        assert!(
+            sentence.contains("x the noise") && sentence.contains(fast.drive),
+            "{sentence}"
+        );
     }
 
     /// Lags in front of and behind a stage without loops commute; behind loops they do not.
     #[test]
     fn what_commutes_is_decided_by_no_drive() {
-        let lags = |stage: (&str, &[f64])| ["amplifier_bandwidth", "sensor_bandwidth"].map(|lag| model(&[stage, (lag, &[800.0])]));
+        let lags = |stage: (&str, &[f64])| {
+            ["amplifier_bandwidth", "sensor_bandwidth"].map(|lag| model(&[stage, (lag, &[800.0])]))
+        };
         let [amplifier, sensor] = lags(("gain", &[0.14]));
         let straight = propose(&amplifier, &sensor, &LIMITS).unwrap();
-        assert!(!straight.decides(Some(0.005)) && straight.decides(None), "{}", straight.separation_um);
+        assert!(
+            !straight.decides(Some(0.005)) && straight.decides(None),
+            "{}",
+            straight.separation_um
+        );
         let loops: &[f64] = &[10.0, 1.2, -1.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let [amplifier, sensor] = lags(("hysteresis", loops));
         let looped = propose(&amplifier, &sensor, &LIMITS).unwrap();
@@ -267,7 +370,12 @@ mod tests {
 
     #[test]
     fn a_mere_gain_cannot_be_told_by_any_drive() {
-        let proposal = propose(&model(&[("gain", &[0.14])]), &model(&[("gain", &[0.15])]), &LIMITS).unwrap();
+        let proposal = propose(
+            &model(&[("gain", &[0.14])]),
+            &model(&[("gain", &[0.15])]),
+            &LIMITS,
+        )
+        .unwrap();
         assert!(proposal.separation_um < 1e-9, "{}", proposal.separation_um);
         assert!(proposal.csv().starts_with("t_s,u_v\n0.0000000,0.000000\n"));
     }

@@ -60,7 +60,9 @@ fn joined(model: &Model, effect: &Arc<dyn Effect>, of: &Model, overview: &Overvi
     let mut out = model.clone();
     let id = effect.declaration().id;
     let plain = EffectInstance::new(effect.clone(), overview, &[]);
-    let same_shape = of.effect(&id).filter(|e| e.parameters.len() == plain.parameters.len());
+    let same_shape = of
+        .effect(&id)
+        .filter(|e| e.parameters.len() == plain.parameters.len());
     out.add(same_shape.cloned().unwrap_or(plain));
     out
 }
@@ -77,22 +79,36 @@ const TRIED_TOGETHER: usize = 2;
 
 /// The effect that lowers the error most beside a model, and how it stands there. Beside a better model an
 /// effect seldom brings more than before: those that brought less than another does now are not tried again.
-fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Model) -> Option<(usize, Judged)> {
+fn next_on_the_way(
+    study: &Study,
+    last: &Model,
+    left: &mut [OnTheWay],
+    end: &Model,
+) -> Option<(usize, Judged)> {
     let before = study.merit(&study.judged_quickly(last.clone()));
-    let mut possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].effect.may_join(last, &study.overview)).collect();
+    let mut possible: Vec<usize> = (0..left.len())
+        .filter(|i| left[*i].effect.may_join(last, &study.overview))
+        .collect();
     possible.sort_by(|a, b| left[*b].brought.total_cmp(&left[*a].brought));
     let mut best: Option<(usize, Judged)> = None;
     for some in possible.chunks(TRIED_TOGETHER) {
-        let brought_most = best.as_ref().map_or(f64::NEG_INFINITY, |(i, _)| left[*i].brought);
+        let brought_most = best
+            .as_ref()
+            .map_or(f64::NEG_INFINITY, |(i, _)| left[*i].brought);
         if some.iter().all(|i| left[*i].brought < brought_most) {
             break;
         }
         // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit
         // is at its end.
-        let tried = parallel::map(some, |i| study.roughly(&joined(last, &left[*i].effect, end, &study.overview)));
+        let tried = parallel::map(some, |i| {
+            study.roughly(&joined(last, &left[*i].effect, end, &study.overview))
+        });
         for (i, judged) in some.iter().zip(tried) {
             left[*i].brought = before - study.merit(&judged);
-            if best.as_ref().is_none_or(|(of, _)| left[*i].brought > left[*of].brought) {
+            if best
+                .as_ref()
+                .is_none_or(|(of, _)| left[*i].brought > left[*of].brought)
+            {
                 best = Some((*i, judged));
             }
         }
@@ -105,37 +121,68 @@ fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Mod
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Result<Vec<PathStep>> {
-    let mut steps = vec![PathStep { change: ModelChange::Start, judged: start.clone() }];
-    let on_the_way = |e: &EffectInstance| OnTheWay { effect: e.effect.clone(), brought: f64::INFINITY };
-    let mut left: Vec<OnTheWay> = added.iter().filter_map(|id| end.model.effect(id)).map(on_the_way).collect();
+pub fn from(
+    study: &Study,
+    start: &Judged,
+    added: &[String],
+    end: &Judged,
+) -> Result<Vec<PathStep>> {
+    let mut steps = vec![PathStep {
+        change: ModelChange::Start,
+        judged: start.clone(),
+    }];
+    let on_the_way = |e: &EffectInstance| OnTheWay {
+        effect: e.effect.clone(),
+        brought: f64::INFINITY,
+    };
+    let mut left: Vec<OnTheWay> = added
+        .iter()
+        .filter_map(|id| end.model.effect(id))
+        .map(on_the_way)
+        .collect();
     let mut last = start.model.clone();
     // Loops of another structure first: beside the wrong one no effect shows what it does.
-    if let Some(begin) = with_the_structure_of(&last, &end.model).filter(|m| !added.iter().any(|id| m.effect(id).is_some())) {
+    if let Some(begin) = with_the_structure_of(&last, &end.model)
+        .filter(|m| !added.iter().any(|id| m.effect(id).is_some()))
+    {
         last = study.for_comparison(&begin).model;
-        steps.push(PathStep { change: ModelChange::FinerHysteresis(description(&last)), judged: study.judged(last.clone()) });
+        steps.push(PathStep {
+            change: ModelChange::FinerHysteresis(description(&last)),
+            judged: study.judged(last.clone()),
+        });
     }
     while let Some((i, judged)) = next_on_the_way(study, &last, &mut left, &end.model) {
         let OnTheWay { effect, .. } = left.remove(i);
         last = study.quickly(&judged.model).model;
-        steps.push(PathStep { change: ModelChange::Added(effect.declaration().id), judged: study.judged(last.clone()) });
+        steps.push(PathStep {
+            change: ModelChange::Added(effect.declaration().id),
+            judged: study.judged(last.clone()),
+        });
     }
     // What the end has beside all effects: a finer description, where that brings something, and the values
     // of a fit that went as far as it goes.
     let mut end = end.clone();
-    let finer_creep =
-        finer_creep::description(&end.model).filter(|_| finer_creep::steps_finer(&end.model) != finer_creep::steps_finer(&last));
-    let finer_hysteresis = (description(&last) != description(&end.model)).then(|| description(&end.model));
+    let finer_creep = finer_creep::description(&end.model)
+        .filter(|_| finer_creep::steps_finer(&end.model) != finer_creep::steps_finer(&last));
+    let finer_hysteresis =
+        (description(&last) != description(&end.model)).then(|| description(&end.model));
     if finer_hysteresis.is_some() || finer_creep.is_some() {
-        let finer_by = Study::steps_finer(&end.model).saturating_sub(Study::steps_finer(&last)) as f64;
+        let finer_by =
+            Study::steps_finer(&end.model).saturating_sub(Study::steps_finer(&last)) as f64;
         let most = study.merit(&end) + study.policy.gain_per_effect * finer_by;
         let coarse = study.for_comparison(&last);
-        let coarse = (study.merit(&coarse) < most + DOES_NOT_COME_TO_IT).then(|| study.thoroughly(&coarse.model));
+        let coarse = (study.merit(&coarse) < most + DOES_NOT_COME_TO_IT)
+            .then(|| study.thoroughly(&coarse.model));
         if let Some(coarse) = coarse.filter(|coarse| study.merit(coarse) <= most) {
             end = coarse;
         } else {
-            let change = finer_hysteresis.map(ModelChange::FinerHysteresis).or(finer_creep.map(ModelChange::FinerCreep));
-            steps.extend(change.map(|change| PathStep { change, judged: end.clone() }));
+            let change = finer_hysteresis
+                .map(ModelChange::FinerHysteresis)
+                .or(finer_creep.map(ModelChange::FinerCreep));
+            steps.extend(change.map(|change| PathStep {
+                change,
+                judged: end.clone(),
+            }));
         }
     }
     if let Some(step) = steps.last_mut().filter(|s| s.change != ModelChange::Start) {

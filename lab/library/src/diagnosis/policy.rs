@@ -140,8 +140,16 @@ pub struct Policy {
 }
 
 /// Thresholds that are shares or probabilities.
-const SHARES: [&str; 8] =
-    ["family_wise", "held_out_weight", "promises_nothing", "rival_similarity", "beyond_chance", "contradiction", "alike", "rival"];
+const SHARES: [&str; 8] = [
+    "family_wise",
+    "held_out_weight",
+    "promises_nothing",
+    "rival_similarity",
+    "beyond_chance",
+    "contradiction",
+    "alike",
+    "rival",
+];
 
 impl Default for Policy {
     fn default() -> Self {
@@ -203,13 +211,27 @@ impl Policy {
     /// A key that is no threshold, or a value of another kind, with its line; a value that is below zero, no
     /// number, or above one where it is a share.
     pub fn from_toml(text: &str, file_name: &str) -> Result<Self> {
-        let policy = toml::from_str(text).map_err(|e| Error::new(format!("{file_name}: line {}", line_of(text, e.span())), e.message()))?;
+        let policy = toml::from_str(text).map_err(|e| {
+            Error::new(
+                format!("{file_name}: line {}", line_of(text, e.span())),
+                e.message(),
+            )
+        })?;
         let table: toml::Table = toml::from_str(text).unwrap_or_default();
         for (key, value) in &table {
-            let (highest, expected) = if SHARES.contains(&key.as_str()) { (1.0, "from 0 to 1") } else { (f64::INFINITY, "not below zero") };
-            let number = value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
+            let (highest, expected) = if SHARES.contains(&key.as_str()) {
+                (1.0, "from 0 to 1")
+            } else {
+                (f64::INFINITY, "not below zero")
+            };
+            let number = value
+                .as_float()
+                .or_else(|| value.as_integer().map(|whole| whole as f64));
             if number.is_some_and(|number| !(0.0..=highest).contains(&number)) {
-                return Err(Error::new(file_name, format!("{key} = {value}; expected a number {expected}")));
+                return Err(Error::new(
+                    file_name,
+                    format!("{key} = {value}; expected a number {expected}"),
+                ));
             }
         }
         Ok(policy)

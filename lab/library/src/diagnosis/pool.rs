@@ -56,13 +56,28 @@ impl Entry {
         moves.sort();
         moves.dedup();
         let (merit, excluded) = (study.merit(&judged), excludes_one(&moves, &judged.model));
-        Self { moves, merit, judged, excluded, extended: false, compared, held: false, losses: None }
+        Self {
+            moves,
+            merit,
+            judged,
+            excluded,
+            extended: false,
+            compared,
+            held: false,
+            losses: None,
+        }
     }
 
     /// Effects that were added.
     #[must_use]
     pub fn added(&self) -> Vec<String> {
-        let added = |m: &Move| if let Move::Added(id) = m { Some(id.clone()) } else { None };
+        let added = |m: &Move| {
+            if let Move::Added(id) = m {
+                Some(id.clone())
+            } else {
+                None
+            }
+        };
         self.moves.iter().filter_map(added).collect()
     }
 
@@ -74,13 +89,19 @@ impl Entry {
 
     /// The same model fitted further.
     fn fitted_further(&mut self, study: &Study, judged: Judged) {
-        (self.compared, self.merit, self.excluded) = (true, study.merit(&judged), excludes_one(&self.moves, &judged.model));
+        (self.compared, self.merit, self.excluded) = (
+            true,
+            study.merit(&judged),
+            excludes_one(&self.moves, &judged.model),
+        );
         self.judged = judged;
     }
 }
 
 fn excludes_one(moves: &[Move], model: &Model) -> bool {
-    moves.iter().any(|m| matches!(m, Move::Added(id) if model.ruled_out_because(id).is_some()))
+    moves
+        .iter()
+        .any(|m| matches!(m, Move::Added(id) if model.ruled_out_because(id).is_some()))
 }
 
 /// The moves by which effects are added.
@@ -110,7 +131,11 @@ pub fn key(moves: &[Move], model: &Model) -> String {
         })
         .collect();
     names.sort();
-    format!("{}|{}|{creep}", names.join("+"), finer_hysteresis::description(model))
+    format!(
+        "{}|{}|{creep}",
+        names.join("+"),
+        finer_hysteresis::description(model)
+    )
 }
 
 impl<'s, 'a> Pool<'s, 'a> {
@@ -118,7 +143,11 @@ impl<'s, 'a> Pool<'s, 'a> {
     #[must_use]
     pub fn of(study: &'s Study<'a>, start: &Model) -> Self {
         let entry = Entry::new(study, Vec::new(), study.judged_quickly(start.clone()), true);
-        Self { study, entries: BTreeMap::from([(key(&[], start), entry)]), origin: Vec::new() }
+        Self {
+            study,
+            entries: BTreeMap::from([(key(&[], start), entry)]),
+            origin: Vec::new(),
+        }
     }
 
     /// Where the search begins.
@@ -138,7 +167,11 @@ impl<'s, 'a> Pool<'s, 'a> {
     #[must_use]
     pub fn ranked(&self) -> Vec<(&String, &Entry)> {
         let mut out: Vec<(&String, &Entry)> = self.entries.iter().collect();
-        out.sort_by(|a, b| self.rank(a.1).total_cmp(&self.rank(b.1)).then_with(|| a.0.cmp(b.0)));
+        out.sort_by(|a, b| {
+            self.rank(a.1)
+                .total_cmp(&self.rank(b.1))
+                .then_with(|| a.0.cmp(b.0))
+        });
         out
     }
 
@@ -146,7 +179,11 @@ impl<'s, 'a> Pool<'s, 'a> {
     #[must_use]
     pub fn best(&self) -> &Entry {
         let ranked = self.ranked();
-        ranked.iter().find(|(_, e)| !e.is_excluded()).unwrap_or(&ranked[0]).1
+        ranked
+            .iter()
+            .find(|(_, e)| !e.is_excluded())
+            .unwrap_or(&ranked[0])
+            .1
     }
 
     /// Takes an entry in, unless the same was fitted better.
@@ -173,10 +210,17 @@ impl<'s, 'a> Pool<'s, 'a> {
     /// Fits entries as far as they can be compared. What a fit comes to is what counts, on held-out records
     /// too: a good error half way is chance.
     pub(crate) fn compare(&mut self, keys: &[String]) {
-        let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| !e.compared)).collect();
-        let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.entries[*k].judged.model));
+        let pending: Vec<&String> = keys
+            .iter()
+            .filter(|k| self.entries.get(*k).is_some_and(|e| !e.compared))
+            .collect();
+        let fitted = parallel::map(&pending, |k| {
+            self.study.for_comparison(&self.entries[*k].judged.model)
+        });
         for (key, judged) in pending.into_iter().zip(fitted) {
-            let Some(entry) = self.entries.get_mut(key) else { continue };
+            let Some(entry) = self.entries.get_mut(key) else {
+                continue;
+            };
             entry.fitted_further(self.study, judged);
         }
     }
@@ -185,7 +229,10 @@ impl<'s, 'a> Pool<'s, 'a> {
     pub(crate) fn compare_best(&mut self) {
         loop {
             let best = self.ranked().into_iter().take(self.study.policy.width);
-            let pending: Vec<String> = best.filter(|(_, e)| !e.compared).map(|(k, _)| k.clone()).collect();
+            let pending: Vec<String> = best
+                .filter(|(_, e)| !e.compared)
+                .map(|(k, _)| k.clone())
+                .collect();
             if pending.is_empty() {
                 return;
             }
@@ -195,8 +242,13 @@ impl<'s, 'a> Pool<'s, 'a> {
 
     /// Makes the losses of entries on all judged samples known.
     pub(crate) fn weigh(&mut self, keys: &[String]) {
-        let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| e.losses.is_none())).collect();
-        let losses = parallel::map(&pending, |k| Losses::of(self.study, self.entries[*k].judged.model.clone()));
+        let pending: Vec<&String> = keys
+            .iter()
+            .filter(|k| self.entries.get(*k).is_some_and(|e| e.losses.is_none()))
+            .collect();
+        let losses = parallel::map(&pending, |k| {
+            Losses::of(self.study, self.entries[*k].judged.model.clone())
+        });
         for (key, losses) in pending.into_iter().zip(losses) {
             if let Some(entry) = self.entries.get_mut(key) {
                 entry.losses = Some(losses);

@@ -40,19 +40,44 @@ pub struct Compared<'s, 'a> {
 /// # Errors
 /// A candidate that gives something that is no number.
 pub fn compare<'s, 'a>(study: &'s Study<'a>, base: Judged) -> Result<Compared<'s, 'a>> {
-    study.watch.event(&WatchEvent::Doing("fitting the model to this recording"));
+    study
+        .watch
+        .event(&WatchEvent::Doing("fitting the model to this recording"));
     let refitted = study.thoroughly(&base.model);
     let mut pool = Pool::of(study, &holding(&base.model, |_, _| true));
     pool.entries.values_mut().for_each(|root| root.held = true);
     let losses = [&base, &refitted].map(|judged| Losses::of(study, judged.model.clone()));
     let at_home = confidence_set(study, &losses.each_ref())[0] == Fate::Kept;
     if !at_home && !study.watch.stopped() {
-        let all = refitted.model.effects.iter().map(|e| Move::Freed(e.id.clone())).collect();
-        pool.keep(Entry { extended: true, ..Entry::new(study, all, study.judged_quickly(refitted.model.clone()), true) });
+        let all = refitted
+            .model
+            .effects
+            .iter()
+            .map(|e| Move::Freed(e.id.clone()))
+            .collect();
+        pool.keep(Entry {
+            extended: true,
+            ..Entry::new(
+                study,
+                all,
+                study.judged_quickly(refitted.model.clone()),
+                true,
+            )
+        });
         tell(&mut pool, &base.model)?;
     }
-    let selected = if at_home { Selected::default() } else { select(&mut pool, &BTreeSet::new()) };
-    Ok(Compared { base, refitted, at_home, pool, selected })
+    let selected = if at_home {
+        Selected::default()
+    } else {
+        select(&mut pool, &BTreeSet::new())
+    };
+    Ok(Compared {
+        base,
+        refitted,
+        at_home,
+        pool,
+        selected,
+    })
 }
 
 /// Extends the best models move by move, until the simplest that are kept have been extended as well and so
@@ -61,10 +86,18 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
     for moves in 0..pool.study.policy.story_max {
         let of_level = |(_, e): &(&String, &Entry)| e.held && !e.extended && e.moves.len() == moves;
         let ranked = pool.ranked();
-        let parents: Vec<String> = ranked.into_iter().filter(of_level).take(pool.study.policy.width).map(|(k, _)| k.clone()).collect();
+        let parents: Vec<String> = ranked
+            .into_iter()
+            .filter(of_level)
+            .take(pool.study.policy.width)
+            .map(|(k, _)| k.clone())
+            .collect();
         extend(pool, &parents, prior)?;
         let selected = select(pool, &BTreeSet::new());
-        let level = selected.minimal.first().map_or(usize::MAX, |k| pool.entries[k].moves.len());
+        let level = selected
+            .minimal
+            .first()
+            .map_or(usize::MAX, |k| pool.entries[k].moves.len());
         if level <= moves || pool.study.watch.stopped() {
             break;
         }
@@ -72,12 +105,20 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
     // What stands beside a first move may as well stand beside the second: each is dropped, and all is tried
     // in its place.
     let selected = select(pool, &BTreeSet::new());
-    let minimal: Vec<Vec<Move>> = selected.minimal.iter().map(|k| pool.entries[k].moves.clone()).collect();
+    let minimal: Vec<Vec<Move>> = selected
+        .minimal
+        .iter()
+        .map(|k| pool.entries[k].moves.clone())
+        .collect();
     let one_less: Vec<String> = pool
         .entries
         .iter()
         .filter(|(_, e)| e.held && !e.extended)
-        .filter(|(_, e)| minimal.iter().any(|m| m.len() == e.moves.len() + 1 && e.moves.iter().all(|one| m.contains(one))))
+        .filter(|(_, e)| {
+            minimal
+                .iter()
+                .any(|m| m.len() == e.moves.len() + 1 && e.moves.iter().all(|one| m.contains(one)))
+        })
         .map(|(k, _)| k.clone())
         .collect();
     extend(pool, &one_less, prior)
@@ -104,19 +145,36 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
     let screening = study.score_each(&holding(model, |_, _| true), &candidates)?;
     let mut trials: Vec<(Move, Model)> = Vec::new();
     for score in &screening.scores {
-        let guesses = if score.effect.starts_combine() { 1 } else { study.policy.guesses };
-        let begun = score.starts.iter().take(guesses).map(|start| study.with(model, &[(score.effect.clone(), start.clone())]));
+        let guesses = if score.effect.starts_combine() {
+            1
+        } else {
+            study.policy.guesses
+        };
+        let begun = score
+            .starts
+            .iter()
+            .take(guesses)
+            .map(|start| study.with(model, &[(score.effect.clone(), start.clone())]));
         trials.extend(begun.map(|begin| (Move::Added(score.id.clone()), begin)));
     }
     let is_moved = |id: &str| entry.moves.iter().any(|m| m.effect() == id);
     for e in prior.effects.iter().filter(|e| !is_moved(&e.id)) {
-        let begin = if e.effect.declaration().is_main() { scaled(study, model) } else { freed(model, prior, &e.id) };
+        let begin = if e.effect.declaration().is_main() {
+            scaled(study, model)
+        } else {
+            freed(model, prior, &e.id)
+        };
         trials.push((Move::Freed(e.id.clone()), begin));
     }
     let fitted = parallel::map(&trials, |(by, begin)| {
-        study.watch.event(&WatchEvent::Fitting { effect: by.effect() });
+        study.watch.event(&WatchEvent::Fitting {
+            effect: by.effect(),
+        });
         let moves = entry.moves.iter().cloned().chain([by.clone()]).collect();
-        Entry { held: true, ..Entry::new(study, moves, study.for_comparison(begin), true) }
+        Entry {
+            held: true,
+            ..Entry::new(study, moves, study.for_comparison(begin), true)
+        }
     });
     Ok(fitted)
 }
@@ -124,8 +182,15 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
 /// The model with the values of one effect as free as they were.
 fn freed(model: &Model, prior: &Model, id: &str) -> Model {
     let mut out = model.clone();
-    if let (Some(effect), Some(there)) = (out.effects.iter_mut().find(|e| e.id == id), prior.effect(id)) {
-        effect.parameters.iter_mut().zip(&there.parameters).for_each(|(value, there)| value.parameter.fixed = there.parameter.fixed);
+    if let (Some(effect), Some(there)) = (
+        out.effects.iter_mut().find(|e| e.id == id),
+        prior.effect(id),
+    ) {
+        effect
+            .parameters
+            .iter_mut()
+            .zip(&there.parameters)
+            .for_each(|(value, there)| value.parameter.fixed = there.parameter.fixed);
     }
     out
 }
@@ -139,23 +204,49 @@ pub fn all_free(model: &Model, prior: &Model) -> Model {
 /// The values of a move that differ between the prior model and another.
 #[must_use]
 pub fn changes(study: &Study, id: &str, before: &Model, after: &Model) -> Vec<ChangedValue> {
-    let (Some(a), Some(b)) = (before.effect(id), after.effect(id)) else { return Vec::new() };
+    let (Some(a), Some(b)) = (before.effect(id), after.effect(id)) else {
+        return Vec::new();
+    };
     if main_effect(before).is_some_and(|main| main.id == id) {
-        let differs = a.parameters.iter().zip(&b.parameters).filter(|(x, y)| x.value != y.value);
+        let differs = a
+            .parameters
+            .iter()
+            .zip(&b.parameters)
+            .filter(|(x, y)| x.value != y.value);
         let largest = differs.max_by(|(x, _), (y, _)| x.value.abs().total_cmp(&y.value.abs()));
         return largest
-            .map(|(x, y)| ChangedValue { effect: id.into(), parameter: "scale".into(), from: 1.0, to: y.value / x.value })
+            .map(|(x, y)| ChangedValue {
+                effect: id.into(),
+                parameter: "scale".into(),
+                from: 1.0,
+                to: y.value / x.value,
+            })
             .into_iter()
             .collect();
     }
     let differs = |x: f64, y: f64| (x - y).abs() > study.policy.same_value * x.abs().max(y.abs());
-    let pairs = a.parameters.iter().zip(&b.parameters).filter(|(x, y)| !x.parameter.fixed && differs(x.value, y.value));
-    pairs.map(|(x, y)| ChangedValue { effect: id.into(), parameter: x.parameter.name.clone(), from: x.value, to: y.value }).collect()
+    let pairs = a
+        .parameters
+        .iter()
+        .zip(&b.parameters)
+        .filter(|(x, y)| !x.parameter.fixed && differs(x.value, y.value));
+    pairs
+        .map(|(x, y)| ChangedValue {
+            effect: id.into(),
+            parameter: x.parameter.name.clone(),
+            from: x.value,
+            to: y.value,
+        })
+        .collect()
 }
 
 /// The model with its hysteresis times the factor that the data ask for.
 fn scaled(study: &Study, model: &Model) -> Model {
-    let rows = Rows::thinned(study.dataset, &study.split.identify, study.policy.search_samples);
+    let rows = Rows::thinned(
+        study.dataset,
+        &study.split.identify,
+        study.policy.search_samples,
+    );
     let (mut along, mut power) = (0.0, 0.0);
     for (i, samples) in &rows.records {
         let record = &study.dataset.records[*i];
@@ -171,7 +262,12 @@ fn scaled(study: &Study, model: &Model) -> Model {
     let mut out = model.clone();
     // Coefficients in um and gains are in proportion to the displacement; thresholds and shapes are not.
     let of_loops = |e: &&mut EffectInstance| e.effect.declaration().place == Place::Hysteresis;
-    for value in out.effects.iter_mut().filter(of_loops).flat_map(|e| &mut e.parameters) {
+    for value in out
+        .effects
+        .iter_mut()
+        .filter(of_loops)
+        .flat_map(|e| &mut e.parameters)
+    {
         if value.parameter.unit == "um" || value.parameter.unit == "um/V" {
             value.value *= factor;
         }

@@ -11,7 +11,8 @@ use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::{
-    CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells, Remainder, Residuals, Standing, Verdict,
+    CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells,
+    Remainder, Residuals, Standing, Verdict,
 };
 use crate::quality::{Issue, Reason, Severity};
 use hysteron_sim::effect::by_id;
@@ -54,23 +55,51 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     let (policy, dataset) = (&study.policy, study.dataset);
     // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
     let bound = vec![floor.at_least_um; dataset.records.len()];
-    let at_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, &study.split);
-    let floors_um = if at_the_bound { &bound } else { &floor.of_records_um };
+    let at_the_bound =
+        floor.rms_um.is_none() && found.last.within(policy.explained, &bound, &study.split);
+    let floors_um = if at_the_bound {
+        &bound
+    } else {
+        &floor.of_records_um
+    };
     let within = |times: f64| found.last.within(times, floors_um, &study.split);
     // What rounding makes of readings at rest, on one code or between two, may be more than what it leaves of
     // readings that move.
-    let is_rounding =
-        floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < policy.mostly_rounding * rounding_noise(step_um));
-    let below = !at_the_bound && !is_rounding && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
+    let is_rounding = floor
+        .reading_step_um
+        .zip(floor.rms_um)
+        .is_some_and(|(step_um, rms_um)| rms_um < policy.mostly_rounding * rounding_noise(step_um));
+    let below = !at_the_bound
+        && !is_rounding
+        && within(
+            policy
+                .contradiction
+                .min(1.0 - policy.floor_z * floor.relative_std())
+                .max(0.0),
+        );
     // A finding stands beside an issue that blocks where it lowers the error by more than what the issue
     // suggests.
     let blocked = found.issues.iter().find_map(Issue::reason);
-    let blocks = found.issues.iter().filter(|i| i.severity == Severity::Blocks);
-    let least_fall_um = blocks.map(|i| i.effect_um().unwrap_or(f64::INFINITY)).fold(0.0, f64::max);
+    let blocks = found
+        .issues
+        .iter()
+        .filter(|i| i.severity == Severity::Blocks);
+    let least_fall_um = blocks
+        .map(|i| i.effect_um().unwrap_or(f64::INFINITY))
+        .fold(0.0, f64::max);
     let stands = |w: &&Weighed| blocked.is_none() || w.fall_um() > least_fall_um;
-    let mut findings: Vec<Finding> = found.weighed.iter().filter(stands).map(Weighed::finding).collect();
+    let mut findings: Vec<Finding> = found
+        .weighed
+        .iter()
+        .filter(stands)
+        .map(Weighed::finding)
+        .collect();
     if let Some(id) = found.quantised.filter(|_| blocked.is_none()) {
-        findings.push(Finding { effects: vec![id.into()], or_other_values_of: Vec::new(), evidence: Evidence::Readings });
+        findings.push(Finding {
+            effects: vec![id.into()],
+            or_other_values_of: Vec::new(),
+            evidence: Evidence::Readings,
+        });
     }
     let reason = blocked
         .or_else(|| found.stopped.then_some(Reason::Stopped))
@@ -78,12 +107,10 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         .or_else(|| (found.out_of_time && !within(policy.explained)).then_some(Reason::OutOfTime))
         .or_else(|| (floor.rms_um.is_none() && !at_the_bound).then_some(Reason::NoiseUnknown));
     let or = |f: &Finding| f.effects.len() + f.or_other_values_of.len() > 1;
-    let excluded = found
-        .last
-        .model
-        .effects
-        .iter()
-        .any(|e| found.first.model.effect(&e.id).is_none() && found.last.model.ruled_out_because(&e.id).is_some());
+    let excluded = found.last.model.effects.iter().any(|e| {
+        found.first.model.effect(&e.id).is_none()
+            && found.last.model.ruled_out_because(&e.id).is_some()
+    });
     let only_values = findings.iter().all(|f| f.effects.is_empty());
     let verdict = match (findings.is_empty(), reason) {
         // Nothing is missing where other values reach the noise.
@@ -101,9 +128,16 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         verdict,
         reason,
         sentence: String::new(),
-        named: if verdict == Verdict::AtFloor { Vec::new() } else { findings.iter().flat_map(about).cloned().collect() },
+        named: if verdict == Verdict::AtFloor {
+            Vec::new()
+        } else {
+            findings.iter().flat_map(about).cloned().collect()
+        },
         findings,
-        remainder: Remainder { rms_um, times_noise: floor.rms_um.map(|floor_um| rms_um / floor_um) },
+        remainder: Remainder {
+            rms_um,
+            times_noise: floor.rms_um.map(|floor_um| rms_um / floor_um),
+        },
         changed: found.changed.to_vec(),
         issues,
         models: found.models.to_vec(),
@@ -119,7 +153,10 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     if let Some((between, separation_um)) = found.in_vain {
         for (at, id) in between.iter().enumerate() {
             let none = words::no_drive_decides(&between[1 - at], separation_um);
-            out.candidates.iter_mut().filter(|c| c.effect == *id).for_each(|c| c.next_experiment.clone_from(&none));
+            out.candidates
+                .iter_mut()
+                .filter(|c| c.effect == *id)
+                .for_each(|c| c.next_experiment.clone_from(&none));
         }
     }
     out.sentence = words::sentence(&out, found.first, found.last, dataset, study);
@@ -128,20 +165,39 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
 
 /// The effects that a finding is about: those that are missing, or else those that have other values.
 fn about(finding: &Finding) -> &[String] {
-    if finding.effects.is_empty() { &finding.or_other_values_of } else { &finding.effects }
+    if finding.effects.is_empty() {
+        &finding.or_other_values_of
+    } else {
+        &finding.effects
+    }
 }
 
 fn candidate_figures(found: &Found, floor: &NoiseFloor, study: &Study) -> Vec<CandidateFigures> {
     let mut out: Vec<CandidateFigures> = Vec::new();
     for weighed in found.weighed {
         if let Some(screening) = &weighed.screening {
-            out.extend(screening.scores.iter().map(|score| of_a_slot(score, screening, weighed, found, study)));
+            out.extend(
+                screening
+                    .scores
+                    .iter()
+                    .map(|score| of_a_slot(score, screening, weighed, found, study)),
+            );
         }
     }
-    out.extend(found.tried.iter().filter_map(|entry| of_a_trial(entry, found)));
+    out.extend(
+        found
+            .tried
+            .iter()
+            .filter_map(|entry| of_a_trial(entry, found)),
+    );
     if let Some(screening) = found.beside_start.filter(|_| out.is_empty()) {
         let before = found.first.validate_rms_um;
-        out.extend(screening.scores.iter().map(|score| plain(score, screening, before, None, study)));
+        out.extend(
+            screening
+                .scores
+                .iter()
+                .map(|score| plain(score, screening, before, None, study)),
+        );
     }
     out.extend(of_the_readings(found, floor));
     // What is named first, then what else was examined, by what it explains; each once.
@@ -151,7 +207,12 @@ fn candidate_figures(found: &Found, floor: &NoiseFloor, study: &Study) -> Vec<Ca
         Standing::InTheReadings => 2,
         _ => 3,
     };
-    out.sort_by(|a, b| place(a).cmp(&place(b)).then(b.explained_share.total_cmp(&a.explained_share)).then_with(|| a.effect.cmp(&b.effect)));
+    out.sort_by(|a, b| {
+        place(a)
+            .cmp(&place(b))
+            .then(b.explained_share.total_cmp(&a.explained_share))
+            .then_with(|| a.effect.cmp(&b.effect))
+    });
     let mut seen: Vec<String> = Vec::new();
     out.retain(|c| {
         let new = !seen.contains(&c.effect);
@@ -170,7 +231,10 @@ fn plain(
 ) -> CandidateFigures {
     let evidence = score.evidence.as_ref();
     let p_value = evidence.map(|e| e.p_adjusted);
-    let alike = screening.scores.iter().filter(|o| o.id != score.id && screening.similarity(o, score) > study.policy.alike);
+    let alike = screening
+        .scores
+        .iter()
+        .filter(|o| o.id != score.id && screening.similarity(o, score) > study.policy.alike);
     CandidateFigures {
         effect: score.id.clone(),
         in_place_of,
@@ -183,27 +247,58 @@ fn plain(
         identify_rms_after_um: None,
         confusable_with: alike.map(|o| o.id.clone()).collect(),
         next_experiment: score.effect.declaration().experiment,
-        standing: if p_value.is_some_and(|p| p > study.policy.family_wise) { Standing::NotInTheResidual } else { Standing::NotFitted },
+        standing: if p_value.is_some_and(|p| p > study.policy.family_wise) {
+            Standing::NotInTheResidual
+        } else {
+            Standing::NotFitted
+        },
         unlikely_because: None,
     }
 }
 
 /// A candidate in the place of what the simplest kept models have.
-fn of_a_slot(score: &CandidateScore, screening: &Screening, weighed: &Weighed, found: &Found, study: &Study) -> CandidateFigures {
+fn of_a_slot(
+    score: &CandidateScore,
+    screening: &Screening,
+    weighed: &Weighed,
+    found: &Found,
+    study: &Study,
+) -> CandidateFigures {
     let effects = weighed.slot.effects();
-    let mut out = plain(score, screening, weighed.without.validate_rms_um, effects.first().cloned(), study);
-    if let Some(entry) = found.simplest.iter().find(|e| effects.contains(&score.id) && e.added().contains(&score.id)) {
-        out.standing = if effects.len() > 1 { Standing::Alternative } else { Standing::Named };
+    let mut out = plain(
+        score,
+        screening,
+        weighed.without.validate_rms_um,
+        effects.first().cloned(),
+        study,
+    );
+    if let Some(entry) = found
+        .simplest
+        .iter()
+        .find(|e| effects.contains(&score.id) && e.added().contains(&score.id))
+    {
+        out.standing = if effects.len() > 1 {
+            Standing::Alternative
+        } else {
+            Standing::Named
+        };
         out.validate_rms_after_um = entry.judged.validate_rms_um;
         out.identify_rms_after_um = Some(entry.judged.identify_rms_um);
         out.unlikely_because = unlikely(&entry.judged.model, &score.id);
-        out.confusable_with.extend(effects.iter().filter(|id| **id != score.id).cloned());
+        out.confusable_with
+            .extend(effects.iter().filter(|id| **id != score.id).cloned());
         out.confusable_with.sort();
         out.confusable_with.dedup();
-    } else if found.last.model.effect(&score.id).is_some() && found.first.model.effect(&score.id).is_none() {
+    } else if found.last.model.effect(&score.id).is_some()
+        && found.first.model.effect(&score.id).is_none()
+    {
         out.unlikely_because = unlikely(&found.last.model, &score.id);
         let excluded = found.last.model.ruled_out_because(&score.id).is_some();
-        out.standing = if excluded { Standing::Excluded } else { Standing::LowersErrors };
+        out.standing = if excluded {
+            Standing::Excluded
+        } else {
+            Standing::LowersErrors
+        };
     }
     out
 }
@@ -214,7 +309,12 @@ fn of_a_trial(entry: &Entry, found: &Found) -> Option<CandidateFigures> {
     let square = |j: &Judged| j.identify_rms_um * j.identify_rms_um;
     let removable = (square(found.first) - square(found.last)).max(f64::MIN_POSITIVE);
     let share = ((square(found.first) - square(&entry.judged)) / removable).clamp(0.0, 1.0);
-    let slot: Vec<String> = found.weighed.iter().map(|w| w.slot.effects()).find(|effects| effects.contains(&id)).unwrap_or_default();
+    let slot: Vec<String> = found
+        .weighed
+        .iter()
+        .map(|w| w.slot.effects())
+        .find(|effects| effects.contains(&id))
+        .unwrap_or_default();
     Some(CandidateFigures {
         effect: id.clone(),
         in_place_of: Some(slot.first().unwrap_or(&id).clone()),
@@ -269,16 +369,32 @@ fn cells(judged: &Judged, dataset: &Dataset) -> Vec<RecordCells> {
         .filter(|(_, residual)| !residual.is_empty())
         .map(|(record, residual)| {
             let mut full = vec![f64::NAN; record.drive_v.len()];
-            record.counted().zip(residual).for_each(|(k, left)| full[k] = *left);
-            let found = residual_by_feature(&record.drive_v, &full, record.sample_rate_hz, record.window.clone(), range_v);
+            record
+                .counted()
+                .zip(residual)
+                .for_each(|(k, left)| full[k] = *left);
+            let found = residual_by_feature(
+                &record.drive_v,
+                &full,
+                record.sample_rate_hz,
+                record.window.clone(),
+                range_v,
+            );
             let cells = drive_features(range_v.0, range_v.1)
                 .into_iter()
                 .zip(found)
                 .filter_map(|(feature, cell)| {
-                    cell.map(|c| Cell { feature: format!("{} {}", feature.group, feature.label), rms_um: c.rms, samples: c.samples })
+                    cell.map(|c| Cell {
+                        feature: format!("{} {}", feature.group, feature.label),
+                        rms_um: c.rms,
+                        samples: c.samples,
+                    })
                 })
                 .collect();
-            RecordCells { record: record.name.clone(), cells }
+            RecordCells {
+                record: record.name.clone(),
+                cells,
+            }
         })
         .collect()
 }

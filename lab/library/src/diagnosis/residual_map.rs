@@ -37,7 +37,10 @@ const FEWEST_SAMPLES: usize = 8;
 
 /// The columns, for an actuator driven between `drive_min_v` and `drive_max_v`.
 pub fn drive_features(drive_min_v: f64, drive_max_v: f64) -> Vec<DriveFeature> {
-    let column = |group: &str, label: String| DriveFeature { group: group.to_owned(), label };
+    let column = |group: &str, label: String| DriveFeature {
+        group: group.to_owned(),
+        label,
+    };
     let step_v = (drive_max_v - drive_min_v) / LEVELS as f64;
     let mut features: Vec<_> = (0..LEVELS)
         .map(|i| {
@@ -114,10 +117,18 @@ pub fn branches(u_v: &[f64], sample_rate_hz: f64, range_v: f64) -> Vec<(Branch, 
         let moving_up = |b| matches!(b, Branch::FirstRise | Branch::Rising);
         if branch != last && !(moving_up(branch) && moving_up(last)) {
             // Rest is recognised late, but begins with the last motion.
-            since = if branch == Branch::Held { k - unmoved.min(k) } else { k };
+            since = if branch == Branch::Held {
+                k - unmoved.min(k)
+            } else {
+                k
+            };
         }
         last = branch;
-        let age_s = if k == unmoved.saturating_sub(1) { f64::INFINITY } else { (k - since) as f64 / sample_rate_hz };
+        let age_s = if k == unmoved.saturating_sub(1) {
+            f64::INFINITY
+        } else {
+            (k - since) as f64 / sample_rate_hz
+        };
         out.push((branch, age_s));
     }
     out
@@ -148,7 +159,11 @@ pub fn residual_by_feature(
             continue;
         }
         let level = ((u_v[k] - low_v) / range_v * LEVELS as f64) as usize;
-        let rate_v_per_s = if k > 0 { (u_v[k] - u_v[k - 1]).abs() * sample_rate_hz } else { 0.0 };
+        let rate_v_per_s = if k > 0 {
+            (u_v[k] - u_v[k - 1]).abs() * sample_rate_hz
+        } else {
+            0.0
+        };
         let (branch, age_s) = branches[k];
         let branch = match branch {
             Branch::FirstRise => 0,
@@ -170,13 +185,26 @@ pub fn residual_by_feature(
     }
     let mut cells: Vec<_> = sums
         .into_iter()
-        .map(|(sum, samples)| (samples >= FEWEST_SAMPLES).then(|| FeatureCell { rms: (sum / samples as f64).sqrt(), samples }))
+        .map(|(sum, samples)| {
+            (samples >= FEWEST_SAMPLES).then(|| FeatureCell {
+                rms: (sum / samples as f64).sqrt(),
+                samples,
+            })
+        })
         .collect();
-    let windowed: Vec<f64> = residual[from..to].iter().map(|r| if r.is_finite() { *r } else { 0.0 }).collect();
+    let windowed: Vec<f64> = residual[from..to]
+        .iter()
+        .map(|r| if r.is_finite() { *r } else { 0.0 })
+        .collect();
     let spectrum = amplitude_density(&windowed, sample_rate_hz);
     let mut bands = vec![(0.0, false); BANDS_HZ.len() + 1];
     let mut below_hz = 0.0;
-    for (i, (&frequency_hz, &density)) in spectrum.frequency_hz.iter().zip(&spectrum.density).enumerate() {
+    for (i, (&frequency_hz, &density)) in spectrum
+        .frequency_hz
+        .iter()
+        .zip(&spectrum.density)
+        .enumerate()
+    {
         let above_hz = match spectrum.frequency_hz.get(i + 1) {
             Some(next_hz) => (frequency_hz + next_hz) / 2.0,
             None => frequency_hz,
@@ -185,7 +213,12 @@ pub fn residual_by_feature(
         *band = (band.0 + density * density * (above_hz - below_hz), true);
         below_hz = above_hz;
     }
-    cells.extend(bands.into_iter().map(|(power, any)| any.then(|| FeatureCell { rms: power.sqrt(), samples: windowed.len() })));
+    cells.extend(bands.into_iter().map(|(power, any)| {
+        any.then(|| FeatureCell {
+            rms: power.sqrt(),
+            samples: windowed.len(),
+        })
+    }));
     cells
 }
 
@@ -196,8 +229,15 @@ mod tests {
 
     #[test]
     fn levels_are_told_in_whole_volts_without_a_signed_zero() {
-        let labels: Vec<String> = drive_features(-0.3, 79.7).into_iter().take(LEVELS).map(|feature| feature.label).collect();
-        assert_eq!(labels, ["0 to 16", "16 to 32", "32 to 48", "48 to 64", "64 to 80"]);
+        let labels: Vec<String> = drive_features(-0.3, 79.7)
+            .into_iter()
+            .take(LEVELS)
+            .map(|feature| feature.label)
+            .collect();
+        assert_eq!(
+            labels,
+            ["0 to 16", "16 to 32", "32 to 48", "48 to 64", "64 to 80"]
+        );
     }
 
     /// A triangle 0-50-0-30-0 V at 200 V/s, then a hold.
@@ -214,7 +254,9 @@ mod tests {
     #[test]
     fn an_error_on_the_first_rise_shows_there_and_nowhere_else() {
         let u = drive();
-        let residual: Vec<f64> = (0..u.len()).map(|k| if (50..=550).contains(&k) { 1.0 } else { 0.0 }).collect();
+        let residual: Vec<f64> = (0..u.len())
+            .map(|k| if (50..=550).contains(&k) { 1.0 } else { 0.0 })
+            .collect();
         let features = drive_features(0.0, 50.0);
         let cells = residual_by_feature(&u, &residual, 2000.0, 0..u.len(), (0.0, 50.0));
         assert_eq!(cells.len(), features.len());
@@ -231,7 +273,9 @@ mod tests {
 
     #[test]
     fn the_bands_share_out_the_power() {
-        let residual: Vec<f64> = (0..40_000).map(|k| (TAU * 50.0 * f64::from(k) / 20_000.0).sin()).collect();
+        let residual: Vec<f64> = (0..40_000)
+            .map(|k| (TAU * 50.0 * f64::from(k) / 20_000.0).sin())
+            .collect();
         let u = vec![1.0; residual.len()];
         let cells = residual_by_feature(&u, &residual, 2e4, 0..residual.len(), (0.0, 2.0));
         let band = cells[cells.len() - 3].unwrap().rms;

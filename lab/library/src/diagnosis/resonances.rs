@@ -22,11 +22,19 @@ const DAMPING: (f64, f64) = (0.004, 0.3);
 /// Resonances in residuals, the strongest first; each with the rate at which it was sampled, Hz.
 #[must_use]
 pub fn resonances(residuals: &[(&[f64], f64)]) -> Vec<Resonance> {
-    let mut found: Vec<(f64, Resonance)> = residuals.iter().flat_map(|(residual, rate_hz)| peaks(residual, *rate_hz)).collect();
+    let mut found: Vec<(f64, Resonance)> = residuals
+        .iter()
+        .flat_map(|(residual, rate_hz)| peaks(residual, *rate_hz))
+        .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut out: Vec<Resonance> = Vec::new();
     for (_, r) in found {
-        let known = |o: &Resonance| (o.natural_frequency_rad_s / r.natural_frequency_rad_s).ln().abs() < 0.05;
+        let known = |o: &Resonance| {
+            (o.natural_frequency_rad_s / r.natural_frequency_rad_s)
+                .ln()
+                .abs()
+                < 0.05
+        };
         if out.len() < MOST && !out.iter().any(known) {
             out.push(r);
         }
@@ -46,10 +54,15 @@ fn peaks(residual: &[f64], rate_hz: f64) -> Vec<(f64, Resonance)> {
         }))
         .collect();
     let mean = |bin: usize, reach: usize| {
-        let (from, to) = (bin.saturating_sub(reach).max(1), (bin + reach + 1).min(power.len()));
+        let (from, to) = (
+            bin.saturating_sub(reach).max(1),
+            (bin + reach + 1).min(power.len()),
+        );
         (sums[to] - sums[from]) / (to - from).max(1) as f64
     };
-    let smooth: Vec<f64> = (0..power.len()).map(|bin| mean(bin, (AVERAGED * bin as f64) as usize)).collect();
+    let smooth: Vec<f64> = (0..power.len())
+        .map(|bin| mean(bin, (AVERAGED * bin as f64) as usize))
+        .collect();
     let bin_hz = rate_hz / residual.len() as f64;
     let mut out = Vec::new();
     // Below some tens of bins a peak has no shape.
@@ -67,11 +80,21 @@ fn peaks(residual: &[f64], rate_hz: f64) -> Vec<(f64, Resonance)> {
         }
         // Half the power to both sides.
         let half = base + 0.5 * (smooth[bin] - base);
-        let below = (from..bin).rev().find(|b| smooth[*b] < half).unwrap_or(from);
+        let below = (from..bin)
+            .rev()
+            .find(|b| smooth[*b] < half)
+            .unwrap_or(from);
         let above = (bin..to).find(|b| smooth[*b] < half).unwrap_or(to - 1);
-        let damping_ratio = ((above - below) as f64 / (2.0 * bin as f64)).clamp(DAMPING.0, DAMPING.1);
+        let damping_ratio =
+            ((above - below) as f64 / (2.0 * bin as f64)).clamp(DAMPING.0, DAMPING.1);
         let natural_frequency_rad_s = std::f64::consts::TAU * bin as f64 * bin_hz;
-        out.push((smooth[bin] * (above - below) as f64, Resonance { natural_frequency_rad_s, damping_ratio }));
+        out.push((
+            smooth[bin] * (above - below) as f64,
+            Resonance {
+                natural_frequency_rad_s,
+                damping_ratio,
+            },
+        ));
     }
     out
 }
@@ -87,9 +110,16 @@ mod tests {
         let mut noise = WhiteNoise::new(0.002, 3);
         let quiet: Vec<f64> = (0..20_000).map(|_| noise.next_um()).collect();
         let ring = |k: usize| (-xi * w * k as f64 / rate_hz).exp() * (w * k as f64 / rate_hz).cos();
-        let ringing: Vec<f64> = quiet.iter().enumerate().map(|(k, n)| n + 0.3 * ring(k)).collect();
+        let ringing: Vec<f64> = quiet
+            .iter()
+            .enumerate()
+            .map(|(k, n)| n + 0.3 * ring(k))
+            .collect();
         let found = resonances(&[(&ringing, rate_hz)]);
-        assert!((found[0].natural_frequency_rad_s / w - 1.0).abs() < 0.01, "{found:?}");
+        assert!(
+            (found[0].natural_frequency_rad_s / w - 1.0).abs() < 0.01,
+            "{found:?}"
+        );
         assert!((0.007..0.04).contains(&found[0].damping_ratio), "{found:?}");
         assert!(resonances(&[(&quiet, rate_hz)]).is_empty());
     }

@@ -33,7 +33,8 @@ use crate::error::{Error, Result};
 use crate::identification::finer_hysteresis;
 use crate::identification::fit::blocks;
 use crate::identification::linearisation::{
-    Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations, walk_variations,
+    Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations,
+    walk_variations,
 };
 use crate::identification::nuisance_terms::{Samples, project_out, swinging, transposed_times};
 use crate::parallel;
@@ -129,10 +130,20 @@ struct Absorbed {
 }
 
 /// A model linearised in all that it could do by itself, by record.
-fn linearised_flexibly(model: &Model, overview: &Overview, dataset: &Dataset, rows: &Rows) -> Vec<Linearised> {
-    let mut flexible = finer_hysteresis::refined(model, overview, 2).unwrap_or_else(|| model.clone());
+fn linearised_flexibly(
+    model: &Model,
+    overview: &Overview,
+    dataset: &Dataset,
+    rows: &Rows,
+) -> Vec<Linearised> {
+    let mut flexible =
+        finer_hysteresis::refined(model, overview, 2).unwrap_or_else(|| model.clone());
     // Where on its grid such a value stands was chosen before any data.
-    let chosen = flexible.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.parameter.of_a_grid);
+    let chosen = flexible
+        .effects
+        .iter_mut()
+        .flat_map(|e| &mut e.parameters)
+        .filter(|p| p.parameter.of_a_grid);
     chosen.for_each(|p| p.parameter.fixed = false);
     linearise(&flexible, dataset, rows, &free_parameters(&flexible))
 }
@@ -141,11 +152,24 @@ impl Absorbed {
     fn new(parts: Vec<Linearised>) -> Self {
         let (h, _, _, _) = normal_equations(&parts);
         let p = h.nrows();
-        let scale: Vec<f64> = (0..p).map(|i| if h[(i, i)] > 0.0 { 1.0 / h[(i, i)].sqrt() } else { 0.0 }).collect();
-        let scaled = DMatrix::from_fn(p, p, |i, j| h[(i, j)] * scale[i] * scale[j] + if i == j { 1e-9 } else { 0.0 });
+        let scale: Vec<f64> = (0..p)
+            .map(|i| {
+                if h[(i, i)] > 0.0 {
+                    1.0 / h[(i, i)].sqrt()
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let scaled = DMatrix::from_fn(p, p, |i, j| {
+            h[(i, j)] * scale[i] * scale[j] + if i == j { 1e-9 } else { 0.0 }
+        });
         // J = Q L' with the factor of the normal equations: the columns of Q are orthonormal over all
         // records.
-        let inverse = scaled.cholesky().map(|c| c.l()).and_then(|l| l.solve_lower_triangular(&DMatrix::identity(p, p)));
+        let inverse = scaled
+            .cholesky()
+            .map(|c| c.l())
+            .and_then(|l| l.solve_lower_triangular(&DMatrix::identity(p, p)));
         let basis = parallel::map(&parts, |part| match &inverse {
             Some(inverse) => {
                 let scaled = DMatrix::from_fn(p, p, |i, j| inverse[(j, i)] * scale[i]);
@@ -161,8 +185,12 @@ impl Absorbed {
         for (part, values) in self.parts.iter().zip(columns.iter_mut()) {
             project_out(&part.own.orthonormal, values);
         }
-        let along = parallel::map_indices(columns.len(), |r| transposed_times(&self.basis[r], &columns[r]));
-        let Some(sum) = along.into_iter().reduce(|a, b| a + b) else { return };
+        let along = parallel::map_indices(columns.len(), |r| {
+            transposed_times(&self.basis[r], &columns[r])
+        });
+        let Some(sum) = along.into_iter().reduce(|a, b| a + b) else {
+            return;
+        };
         if sum.nrows() > 0 {
             for (basis, values) in self.basis.iter().zip(columns.iter_mut()) {
                 values.gemm(-1.0, basis, &sum, 1.0);
@@ -194,10 +222,22 @@ pub fn screen(
     weighing: Weighing,
 ) -> Result<Screening> {
     let model = &*model.before_rounding();
-    let readings = parallel::map(&rows.records, |(i, _)| model.simulate(&dataset.records[*i].drive()));
-    let left = Left::of(linearised_flexibly(model, overview, dataset, rows), &readings, dataset, rows);
+    let readings = parallel::map(&rows.records, |(i, _)| {
+        model.simulate(&dataset.records[*i].drive())
+    });
+    let left = Left::of(
+        linearised_flexibly(model, overview, dataset, rows),
+        &readings,
+        dataset,
+        rows,
+    );
     let peaks = resonances_of(&left.residual, dataset, rows, model, &readings);
-    let with = Beside { model, overview, dataset, candidates };
+    let with = Beside {
+        model,
+        overview,
+        dataset,
+        candidates,
+    };
     let signatures = with.signatures(rows, &peaks, &readings, weighing)?;
     Ok(left.screened(signatures, rows, candidates, floor_um, weighing))
 }
@@ -216,16 +256,42 @@ pub fn screen_some_and_all(
     floor_um: Option<f64>,
 ) -> Result<[Screening; 2]> {
     let model = &*model.before_rounding();
-    let readings = parallel::map(&all.records, |(i, _)| model.simulate(&dataset.records[*i].drive()));
+    let readings = parallel::map(&all.records, |(i, _)| {
+        model.simulate(&dataset.records[*i].drive())
+    });
     let parts = linearised_flexibly(model, overview, dataset, all);
-    let places: Vec<usize> = (0..all.records.len()).filter(|r| some.records.iter().any(|(i, _)| *i == all.records[*r].0)).collect();
+    let places: Vec<usize> = (0..all.records.len())
+        .filter(|r| some.records.iter().any(|(i, _)| *i == all.records[*r].0))
+        .collect();
     let readings_of_some: Vec<Vec<f64>> = places.iter().map(|r| readings[*r].clone()).collect();
-    let left_of_some = Left::of(places.iter().map(|r| parts[*r].clone()).collect(), &readings_of_some, dataset, some);
+    let left_of_some = Left::of(
+        places.iter().map(|r| parts[*r].clone()).collect(),
+        &readings_of_some,
+        dataset,
+        some,
+    );
     let left_of_all = Left::of(parts, &readings, dataset, all);
     // A mode that no fitted record excites rings in a held-out one.
-    let mut peaks = resonances_of(&left_of_some.residual, dataset, some, model, &readings_of_some);
-    peaks.extend(resonances_of(&left_of_all.residual, dataset, all, model, &readings));
-    let with = Beside { model, overview, dataset, candidates };
+    let mut peaks = resonances_of(
+        &left_of_some.residual,
+        dataset,
+        some,
+        model,
+        &readings_of_some,
+    );
+    peaks.extend(resonances_of(
+        &left_of_all.residual,
+        dataset,
+        all,
+        model,
+        &readings,
+    ));
+    let with = Beside {
+        model,
+        overview,
+        dataset,
+        candidates,
+    };
     let of_all = with.signatures(all, &peaks, &readings, Weighing::Quick)?;
     let of_some = of_all.of_records(&places);
     Ok([
@@ -244,13 +310,28 @@ struct Beside<'a> {
 
 impl Beside<'_> {
     /// Their signatures, for a search beside the model without what is costly and hardly changes them.
-    fn signatures(&self, rows: &Rows, peaks: &[Resonance], readings: &[Vec<f64>], weighing: Weighing) -> Result<Signatures> {
-        let Self { model, overview, dataset, candidates } = self;
+    fn signatures(
+        &self,
+        rows: &Rows,
+        peaks: &[Resonance],
+        readings: &[Vec<f64>],
+        weighing: Weighing,
+    ) -> Result<Signatures> {
+        let Self {
+            model,
+            overview,
+            dataset,
+            candidates,
+        } = self;
         let mut light = (*model).clone();
         light.effects.retain(|e| !e.effect.costly());
         if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
-            let readings = parallel::map(&rows.records, |(i, _)| light.simulate(&dataset.records[*i].drive()));
-            Signatures::collect(&light, overview, dataset, rows, candidates, peaks, &readings)
+            let readings = parallel::map(&rows.records, |(i, _)| {
+                light.simulate(&dataset.records[*i].drive())
+            });
+            Signatures::collect(
+                &light, overview, dataset, rows, candidates, peaks, &readings,
+            )
         } else {
             Signatures::collect(model, overview, dataset, rows, candidates, peaks, readings)
         }
@@ -266,7 +347,8 @@ struct Left {
 impl Left {
     fn of(parts: Vec<Linearised>, readings: &[Vec<f64>], dataset: &Dataset, rows: &Rows) -> Self {
         let absorbed = Absorbed::new(parts);
-        let column = |p: &Linearised| DMatrix::from_column_slice(p.residual.len(), 1, p.residual.as_slice());
+        let column =
+            |p: &Linearised| DMatrix::from_column_slice(p.residual.len(), 1, p.residual.as_slice());
         let mut residual: Vec<DMatrix<f64>> = absorbed.parts.iter().map(column).collect();
         absorbed.remove(&mut residual);
         remove_skew(readings, dataset, rows, &absorbed, &mut residual);
@@ -296,7 +378,10 @@ impl Left {
                 column *= if left { 1.0 / after[c].sqrt() } else { 0.0 };
             }
         }
-        let begins: Vec<usize> = residual.iter().scan(0, |at, r| Some(std::mem::replace(at, *at + r.nrows()))).collect();
+        let begins: Vec<usize> = residual
+            .iter()
+            .scan(0, |at, r| Some(std::mem::replace(at, *at + r.nrows())))
+            .collect();
         let columns = stacked(&columns);
         let residual = DVector::from_column_slice(stacked(&residual).as_slice());
         let mut screening = Screening {
@@ -306,7 +391,11 @@ impl Left {
             gram: transposed_times(&columns, &columns),
             along: columns.tr_mul(&residual),
             above_floor_um2: above_floor(&residual, floor_um),
-            total_um2: absorbed.parts.iter().map(|p| p.residual.norm_squared()).sum(),
+            total_um2: absorbed
+                .parts
+                .iter()
+                .map(|p| p.residual.norm_squared())
+                .sum(),
             residual,
             begins,
             columns,
@@ -324,16 +413,28 @@ impl Left {
 /// would have no scale.
 fn above_floor(residual: &DVector<f64>, floor_um: Option<f64>) -> f64 {
     let total = residual.norm_squared();
-    floor_um.map_or(total, |f| (total - residual.len() as f64 * f * f).max(0.02 * total))
+    floor_um.map_or(total, |f| {
+        (total - residual.len() as f64 * f * f).max(0.02 * total)
+    })
 }
 
 fn squares(columns: &[DMatrix<f64>]) -> Vec<f64> {
     let width = columns.first().map_or(0, DMatrix::ncols);
-    (0..width).map(|c| columns.iter().map(|values| values.column(c).norm_squared()).sum()).collect()
+    (0..width)
+        .map(|c| {
+            columns
+                .iter()
+                .map(|values| values.column(c).norm_squared())
+                .sum()
+        })
+        .collect()
 }
 
 fn stacked(parts: &[DMatrix<f64>]) -> DMatrix<f64> {
-    let (rows, width) = (parts.iter().map(DMatrix::nrows).sum(), parts.first().map_or(0, DMatrix::ncols));
+    let (rows, width) = (
+        parts.iter().map(DMatrix::nrows).sum(),
+        parts.first().map_or(0, DMatrix::ncols),
+    );
     let mut out = DMatrix::zeros(rows, width);
     let mut at = 0;
     for part in parts {
@@ -344,24 +445,39 @@ fn stacked(parts: &[DMatrix<f64>]) -> DMatrix<f64> {
 }
 
 /// Takes the best skew between drive and reading out of a residual, as far as instants are uncertain.
-fn remove_skew(readings: &[Vec<f64>], dataset: &Dataset, rows: &Rows, absorbed: &Absorbed, residual: &mut [DMatrix<f64>]) {
+fn remove_skew(
+    readings: &[Vec<f64>],
+    dataset: &Dataset,
+    rows: &Rows,
+    absorbed: &Absorbed,
+    residual: &mut [DMatrix<f64>],
+) {
     let mut column: Vec<DMatrix<f64>> = rows
         .records
         .iter()
         .zip(readings)
         .map(|((i, samples), reading)| {
             let at = |k: usize| reading[k.min(reading.len() - 1)];
-            let rate = samples.iter().map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / dataset.records[*i].dt_s());
+            let rate = samples
+                .iter()
+                .map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / dataset.records[*i].dt_s());
             DMatrix::from_iterator(samples.count(), 1, rate)
         })
         .collect();
     absorbed.remove(&mut column);
     absorbed.remove(&mut column);
-    let along = |a: &[DMatrix<f64>], b: &[DMatrix<f64>]| -> f64 { a.iter().zip(b).map(|(x, y)| x.dot(y)).sum() };
+    let along = |a: &[DMatrix<f64>], b: &[DMatrix<f64>]| -> f64 {
+        a.iter().zip(b).map(|(x, y)| x.dot(y)).sum()
+    };
     let power = along(&column, &column);
-    let fastest = rows.records.iter().map(|(i, _)| dataset.records[*i].dt_s()).fold(f64::INFINITY, f64::min);
+    let fastest = rows
+        .records
+        .iter()
+        .map(|(i, _)| dataset.records[*i].dt_s())
+        .fold(f64::INFINITY, f64::min);
     if power > 0.0 {
-        let skew_s = (along(&column, residual) / power).clamp(-SKEW_MAX * fastest, SKEW_MAX * fastest);
+        let skew_s =
+            (along(&column, residual) / power).clamp(-SKEW_MAX * fastest, SKEW_MAX * fastest);
         for (out, values) in residual.iter_mut().zip(&column) {
             *out -= values * skew_s;
         }
@@ -369,7 +485,13 @@ fn remove_skew(readings: &[Vec<f64>], dataset: &Dataset, rows: &Rows, absorbed: 
 }
 
 /// Resonances that the residual shows, in all samples of the windows.
-fn resonances_of(residual: &[DMatrix<f64>], dataset: &Dataset, rows: &Rows, model: &Model, readings: &[Vec<f64>]) -> Vec<Resonance> {
+fn resonances_of(
+    residual: &[DMatrix<f64>],
+    dataset: &Dataset,
+    rows: &Rows,
+    model: &Model,
+    readings: &[Vec<f64>],
+) -> Vec<Resonance> {
     let whole: Vec<(Vec<f64>, f64)> = rows
         .records
         .iter()
@@ -389,7 +511,12 @@ fn resonances_of(residual: &[DMatrix<f64>], dataset: &Dataset, rows: &Rows, mode
             (left, record.sample_rate_hz)
         })
         .collect();
-    resonances(&whole.iter().map(|(left, rate_hz)| (left.as_slice(), *rate_hz)).collect::<Vec<_>>())
+    resonances(
+        &whole
+            .iter()
+            .map(|(left, rate_hz)| (left.as_slice(), *rate_hz))
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// The signatures of all candidates, by record.
@@ -405,7 +532,12 @@ enum Column {
     /// What a variation adds to the reading.
     Variation(usize),
     /// A motion that swings in one record, as a sine or as a cosine.
-    Function { record: usize, decay_per_s: f64, frequency_rad_s: f64, in_phase: bool },
+    Function {
+        record: usize,
+        decay_per_s: f64,
+        frequency_rad_s: f64,
+        in_phase: bool,
+    },
 }
 
 impl Signatures {
@@ -434,34 +566,66 @@ impl Signatures {
         for effect in candidates {
             let first = directions.len();
             let mut starts = effect.starts(overview);
-            let lines: Vec<Vec<f64>> = starts.iter().map(|s| effect.line_frequencies_hz(model, s)).collect();
+            let lines: Vec<Vec<f64>> = starts
+                .iter()
+                .map(|s| effect.line_frequencies_hz(model, s))
+                .collect();
             if lines.iter().all(Vec::is_empty) {
                 starts.extend(effect.resonant_starts(peaks));
-                let groups: Vec<Vec<Vec<f64>>> =
-                    if effect.starts_combine() { vec![starts] } else { starts.into_iter().map(|s| vec![s]).collect() };
+                let groups: Vec<Vec<Vec<f64>>> = if effect.starts_combine() {
+                    vec![starts]
+                } else {
+                    starts.into_iter().map(|s| vec![s]).collect()
+                };
                 for group in groups {
                     let from = columns.len();
                     for start in &group {
                         let mut with = model.clone();
                         with.add(EffectInstance::new(effect.clone(), overview, start));
                         columns.push(Column::Variation(variations.len()));
-                        variations.push(Variation { model: with, differs: effect.declaration().id });
+                        variations.push(Variation {
+                            model: with,
+                            differs: effect.declaration().id,
+                        });
                     }
-                    columns.extend(free_columns(effect, model, overview, &group[0], dataset, rows));
+                    columns.extend(free_columns(
+                        effect, model, overview, &group[0], dataset, rows,
+                    ));
                     let one_sided = effect.declaration().one_sided && columns.len() == from + 1;
-                    directions.push(Direction { starts: group, columns: from..columns.len(), one_sided });
+                    directions.push(Direction {
+                        starts: group,
+                        columns: from..columns.len(),
+                        one_sided,
+                    });
                 }
             } else {
-                directions.extend(line_directions(&starts, &lines, rows.records.len(), &mut columns));
+                directions.extend(line_directions(
+                    &starts,
+                    &lines,
+                    rows.records.len(),
+                    &mut columns,
+                ));
             }
             of_candidate.push(first..directions.len());
         }
         let per_record = parallel::map_indices(rows.records.len(), |r| {
             let (i, samples) = &rows.records[r];
-            columns_of_record(model, &dataset.records[*i], samples, &variations, &columns, r, &readings[r])
+            columns_of_record(
+                model,
+                &dataset.records[*i],
+                samples,
+                &variations,
+                &columns,
+                r,
+                &readings[r],
+            )
         });
         let columns: Vec<DMatrix<f64>> = per_record.into_iter().collect::<Result<_>>()?;
-        Ok(Self { columns, directions, of_candidate })
+        Ok(Self {
+            columns,
+            directions,
+            of_candidate,
+        })
     }
 }
 
@@ -482,9 +646,18 @@ fn free_columns(
         if dataset.records[*i].initial_state != InitialState::Unknown {
             continue;
         }
-        for motion in effect.free_motions(&with, &values).into_iter().filter(|m| m.frequency_rad_s > 0.0) {
+        for motion in effect
+            .free_motions(&with, &values)
+            .into_iter()
+            .filter(|m| m.frequency_rad_s > 0.0)
+        {
             for in_phase in [true, false] {
-                out.push(Column::Function { record, decay_per_s: motion.decay_per_s, frequency_rad_s: motion.frequency_rad_s, in_phase });
+                out.push(Column::Function {
+                    record,
+                    decay_per_s: motion.decay_per_s,
+                    frequency_rad_s: motion.frequency_rad_s,
+                    in_phase,
+                });
             }
         }
     }
@@ -492,14 +665,21 @@ fn free_columns(
 }
 
 /// A line has its own phase in every record: two columns for each of them.
-fn line_directions(starts: &[Vec<f64>], lines_hz: &[Vec<f64>], records: usize, columns: &mut Vec<Column>) -> Vec<Direction> {
+fn line_directions(
+    starts: &[Vec<f64>],
+    lines_hz: &[Vec<f64>],
+    records: usize,
+    columns: &mut Vec<Column>,
+) -> Vec<Direction> {
     let mut out: Vec<Direction> = Vec::new();
     for (at, (start, of_start_hz)) in starts.iter().zip(lines_hz).enumerate() {
         if lines_hz[..at].contains(of_start_hz) {
             continue;
         }
         let from = columns.len();
-        for (record, frequency_hz) in (0..records).flat_map(|record| of_start_hz.iter().map(move |hz| (record, hz))) {
+        for (record, frequency_hz) in
+            (0..records).flat_map(|record| of_start_hz.iter().map(move |hz| (record, hz)))
+        {
             for in_phase in [true, false] {
                 columns.push(Column::Function {
                     record,
@@ -509,7 +689,11 @@ fn line_directions(starts: &[Vec<f64>], lines_hz: &[Vec<f64>], records: usize, c
                 });
             }
         }
-        out.push(Direction { starts: vec![start.clone()], columns: from..columns.len(), one_sided: false });
+        out.push(Direction {
+            starts: vec![start.clone()],
+            columns: from..columns.len(),
+            one_sided: false,
+        });
     }
     out
 }
@@ -527,7 +711,10 @@ fn columns_of_record(
     reading: &[f64],
 ) -> Result<DMatrix<f64>> {
     let groups: Vec<&[Variation]> = variations.chunks(BESIDE).collect();
-    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group)).concat();
+    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| {
+        walk_variations(model, record, samples, group)
+    })
+    .concat();
     let base = samples.of(reading);
     let mut out = DMatrix::zeros(samples.count(), columns.len());
     for (c, column) in columns.iter().enumerate() {
@@ -538,14 +725,26 @@ fn columns_of_record(
                     None => out.set_column(c, &signature),
                     Some(row) if variations[*v].is_defined_by_user() => {
                         let sample = samples.iter().nth(row).unwrap_or(0) + 1;
-                        return Err(Error::NotFinite { effect: variations[*v].differs.clone(), record: record.name.clone(), sample });
+                        return Err(Error::NotFinite {
+                            effect: variations[*v].differs.clone(),
+                            record: record.name.clone(),
+                            sample,
+                        });
                     }
                     // The stage is unstable with it: it explains nothing.
                     Some(_) => {}
                 }
             }
-            Column::Function { record: of, decay_per_s, frequency_rad_s, in_phase } if *of == at => {
-                let motion = FreeMotion { decay_per_s: *decay_per_s, frequency_rad_s: *frequency_rad_s };
+            Column::Function {
+                record: of,
+                decay_per_s,
+                frequency_rad_s,
+                in_phase,
+            } if *of == at => {
+                let motion = FreeMotion {
+                    decay_per_s: *decay_per_s,
+                    frequency_rad_s: *frequency_rad_s,
+                };
                 let [cosine, sine] = swinging(motion, record, samples);
                 out.set_column(c, if *in_phase { &sine } else { &cosine });
             }
@@ -559,7 +758,9 @@ impl Screening {
     /// What some columns explain together, and their weights.
     fn explained(&self, columns: &[usize]) -> (f64, DVector<f64>) {
         let m = columns.len();
-        let gram = DMatrix::from_fn(m, m, |i, j| self.gram[(columns[i], columns[j])] + if i == j { 1e-6 } else { 0.0 });
+        let gram = DMatrix::from_fn(m, m, |i, j| {
+            self.gram[(columns[i], columns[j])] + if i == j { 1e-6 } else { 0.0 }
+        });
         let along = DVector::from_fn(m, |i, _| self.along[columns[i]]);
         match gram.cholesky() {
             Some(factor) => {
@@ -575,18 +776,32 @@ impl Screening {
         if direction.one_sided && self.along[direction.columns.start] <= 0.0 {
             return 0.0;
         }
-        self.explained(&direction.columns.clone().collect::<Vec<_>>()).0
+        self.explained(&direction.columns.clone().collect::<Vec<_>>())
+            .0
     }
 
     fn score(&mut self, candidates: &[Arc<dyn Effect>], of_candidate: &[Range<usize>]) {
         for (effect, range) in candidates.iter().zip(of_candidate) {
-            let mut directions: Vec<(f64, usize)> = range.clone().map(|d| (self.direction_explains(d), d)).collect();
+            let mut directions: Vec<(f64, usize)> = range
+                .clone()
+                .map(|d| (self.direction_explains(d), d))
+                .collect();
             directions.sort_by(|a, b| b.0.total_cmp(&a.0));
             // A direction that the model can do by itself has no column left.
-            let visible = |d: usize| self.directions[d].columns.clone().any(|c| self.gram[(c, c)] > 0.5);
+            let visible = |d: usize| {
+                self.directions[d]
+                    .columns
+                    .clone()
+                    .any(|c| self.gram[(c, c)] > 0.5)
+            };
             directions.retain(|(_, d)| visible(*d));
-            let Some(&(explained_um2, _)) = directions.first() else { continue };
-            let starts = directions.iter().map(|(_, d)| self.directions[*d].starts[0].clone()).collect();
+            let Some(&(explained_um2, _)) = directions.first() else {
+                continue;
+            };
+            let starts = directions
+                .iter()
+                .map(|(_, d)| self.directions[*d].starts[0].clone())
+                .collect();
             self.scores.push(CandidateScore {
                 effect: effect.clone(),
                 id: effect.declaration().id,
@@ -597,7 +812,11 @@ impl Screening {
                 directions: directions.into_iter().map(|(_, d)| d).collect(),
             });
         }
-        self.scores.sort_by(|a, b| b.explained_um2.total_cmp(&a.explained_um2).then_with(|| a.id.cmp(&b.id)));
+        self.scores.sort_by(|a, b| {
+            b.explained_um2
+                .total_cmp(&a.explained_um2)
+                .then_with(|| a.id.cmp(&b.id))
+        });
     }
 
     /// Squares of the residual before anything that the model could absorb was taken out, um^2.
@@ -615,7 +834,11 @@ impl Screening {
     /// What the best directions of two candidates explain together, um^2.
     #[must_use]
     pub fn together(&self, a: &CandidateScore, b: &CandidateScore) -> f64 {
-        let columns_of = |s: &CandidateScore| s.directions.first().map_or(0..0, |d| self.directions[*d].columns.clone());
+        let columns_of = |s: &CandidateScore| {
+            s.directions
+                .first()
+                .map_or(0..0, |d| self.directions[*d].columns.clone())
+        };
         let columns: Vec<usize> = columns_of(a).chain(columns_of(b)).collect();
         self.explained(&columns).0
     }
@@ -625,23 +848,42 @@ impl Screening {
     pub fn similarity(&self, a: &CandidateScore, b: &CandidateScore) -> f64 {
         let (sa, sb) = (self.stacked_signature(a), self.stacked_signature(b));
         let norms = sa.norm() * sb.norm();
-        if norms > 0.0 { (sa.dot(&sb) / norms).abs() } else { 0.0 }
+        if norms > 0.0 {
+            (sa.dot(&sb) / norms).abs()
+        } else {
+            0.0
+        }
     }
 
     /// Candidates other than one that explain at least a share of what it does, by signatures at least so
     /// much alike; those most alike first.
     #[must_use]
-    pub fn doing_as(&self, id: &str, least_share: f64, least_similarity: f64) -> Vec<&CandidateScore> {
-        let Some(own) = self.scores.iter().find(|s| s.id == id) else { return Vec::new() };
-        let other = |s: &&CandidateScore| s.id != id && s.explained_um2 > least_share * own.explained_um2;
-        let mut out: Vec<(f64, &CandidateScore)> = self.scores.iter().filter(other).map(|s| (self.similarity(own, s), s)).collect();
+    pub fn doing_as(
+        &self,
+        id: &str,
+        least_share: f64,
+        least_similarity: f64,
+    ) -> Vec<&CandidateScore> {
+        let Some(own) = self.scores.iter().find(|s| s.id == id) else {
+            return Vec::new();
+        };
+        let other =
+            |s: &&CandidateScore| s.id != id && s.explained_um2 > least_share * own.explained_um2;
+        let mut out: Vec<(f64, &CandidateScore)> = self
+            .scores
+            .iter()
+            .filter(other)
+            .map(|s| (self.similarity(own, s), s))
+            .collect();
         out.retain(|(similarity, _)| *similarity > least_similarity);
         out.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.id.cmp(&b.1.id)));
         out.into_iter().map(|(_, s)| s).collect()
     }
 
     fn stacked_signature(&self, score: &CandidateScore) -> DVector<f64> {
-        let Some(&d) = score.directions.first() else { return DVector::zeros(self.residual.len()) };
+        let Some(&d) = score.directions.first() else {
+            return DVector::zeros(self.residual.len());
+        };
         let columns: Vec<usize> = self.directions[d].columns.clone().collect();
         let (_, weights) = self.explained(&columns);
         let mut out = DVector::zeros(self.residual.len());
@@ -664,12 +906,25 @@ impl Screening {
     }
 
     fn by_record(&self, all: &DVector<f64>) -> Vec<Vec<f64>> {
-        self.record_rows().into_iter().map(|rows| all.as_slice()[rows].to_vec()).collect()
+        self.record_rows()
+            .into_iter()
+            .map(|rows| all.as_slice()[rows].to_vec())
+            .collect()
     }
 
     fn record_rows(&self) -> Vec<Range<usize>> {
-        let ends = self.begins.iter().skip(1).copied().chain([self.residual.len()]);
-        self.begins.iter().copied().zip(ends).map(|(a, b)| a..b).collect()
+        let ends = self
+            .begins
+            .iter()
+            .skip(1)
+            .copied()
+            .chain([self.residual.len()]);
+        self.begins
+            .iter()
+            .copied()
+            .zip(ends)
+            .map(|(a, b)| a..b)
+            .collect()
     }
 
     /// Weighs every candidate against chance.
@@ -683,25 +938,56 @@ impl Screening {
         let mut null_p: Vec<Vec<f64>> = Vec::new();
         let mut shares: Vec<Vec<f64>> = Vec::new();
         for score in &self.scores {
-            let forms: Vec<(Vec<usize>, DMatrix<f64>, bool)> = score.directions.iter().filter_map(|d| self.form(*d)).collect();
-            let null: Vec<f64> =
-                (0..TOSSES).map(|t| forms.iter().map(|form| statistic(form, |c| tossed[(t, c)])).fold(0.0, f64::max)).collect();
+            let forms: Vec<(Vec<usize>, DMatrix<f64>, bool)> = score
+                .directions
+                .iter()
+                .filter_map(|d| self.form(*d))
+                .collect();
+            let null: Vec<f64> = (0..TOSSES)
+                .map(|t| {
+                    forms
+                        .iter()
+                        .map(|form| statistic(form, |c| tossed[(t, c)]))
+                        .fold(0.0, f64::max)
+                })
+                .collect();
             let mut ordered = null.clone();
             ordered.sort_by(f64::total_cmp);
-            let p_of = |value: f64| (1 + ordered.len() - ordered.partition_point(|v| *v < value)) as f64 / (ordered.len() + 1) as f64;
+            let p_of = |value: f64| {
+                (1 + ordered.len() - ordered.partition_point(|v| *v < value)) as f64
+                    / (ordered.len() + 1) as f64
+            };
             let p_value = p_of(score.explained_um2);
-            null_p.push(std::iter::once(p_value).chain(null.iter().map(|v| p_of(*v))).collect());
-            shares.push((0..RESAMPLES).map(|t| forms.first().map_or(0.0, |form| statistic(form, |c| resampled[(t, c)]))).collect());
+            null_p.push(
+                std::iter::once(p_value)
+                    .chain(null.iter().map(|v| p_of(*v)))
+                    .collect(),
+            );
+            shares.push(
+                (0..RESAMPLES)
+                    .map(|t| {
+                        forms
+                            .first()
+                            .map_or(0.0, |form| statistic(form, |c| resampled[(t, c)]))
+                    })
+                    .collect(),
+            );
         }
         let adjusted = adjusted_p_values(&null_p);
         let stability = stability(&shares);
         for (i, score) in self.scores.iter_mut().enumerate() {
-            let mut of_floor: Vec<f64> = shares[i].iter().map(|um2| (um2 / self.above_floor_um2).clamp(0.0, 1.0)).collect();
+            let mut of_floor: Vec<f64> = shares[i]
+                .iter()
+                .map(|um2| (um2 / self.above_floor_um2).clamp(0.0, 1.0))
+                .collect();
             of_floor.sort_by(f64::total_cmp);
             score.evidence = Some(ScreeningEvidence {
                 p_value: null_p[i][0],
                 p_adjusted: adjusted[i],
-                share_interval: (of_floor[RESAMPLES / 20], of_floor[RESAMPLES - 1 - RESAMPLES / 20]),
+                share_interval: (
+                    of_floor[RESAMPLES / 20],
+                    of_floor[RESAMPLES - 1 - RESAMPLES / 20],
+                ),
                 stability: stability[i],
             });
         }
@@ -711,14 +997,24 @@ impl Screening {
     fn blocks(&self) -> Vec<(usize, Range<usize>)> {
         let of_record = |(r, rows): (usize, Range<usize>)| {
             let begin = rows.start;
-            blocks(rows.len()).into_iter().map(move |b| (r, begin + b.start..begin + b.end))
+            blocks(rows.len())
+                .into_iter()
+                .map(move |b| (r, begin + b.start..begin + b.end))
         };
-        self.record_rows().into_iter().enumerate().flat_map(of_record).collect()
+        self.record_rows()
+            .into_iter()
+            .enumerate()
+            .flat_map(of_record)
+            .collect()
     }
 
     /// Products of residual and columns in each block; and the same with the power that the fit took out
     /// given back: what noise would do.
-    fn products_by_block(&self, blocks: &[(usize, Range<usize>)], absorbed: &Absorbed) -> (DMatrix<f64>, DMatrix<f64>) {
+    fn products_by_block(
+        &self,
+        blocks: &[(usize, Range<usize>)],
+        absorbed: &Absorbed,
+    ) -> (DMatrix<f64>, DMatrix<f64>) {
         let m = self.columns.ncols();
         let scatter: Vec<f64> = self
             .record_rows()
@@ -729,17 +1025,28 @@ impl Screening {
             })
             .collect();
         let rows = parallel::map(blocks, |(r, block)| {
-            let (columns, residual) = (self.columns.rows(block.start, block.len()), self.residual.rows(block.start, block.len()));
+            let (columns, residual) = (
+                self.columns.rows(block.start, block.len()),
+                self.residual.rows(block.start, block.len()),
+            );
             let products = columns.tr_mul(&residual);
             let inside = block.start - self.begins[*r];
             let by_model = absorbed.basis[*r].rows(inside, block.len()).transpose() * columns;
-            let by_record = absorbed.parts[*r].own.orthonormal.rows(inside, block.len()).transpose() * columns;
+            let by_record = absorbed.parts[*r]
+                .own
+                .orthonormal
+                .rows(inside, block.len())
+                .transpose()
+                * columns;
             let noise = DVector::from_fn(m, |c, _| {
                 let power = columns.column(c).norm_squared();
                 if power <= 0.0 {
                     return 0.0;
                 }
-                let leverage = ((by_model.column(c).norm_squared() + by_record.column(c).norm_squared()) / power).clamp(0.0, 1.0);
+                let leverage = ((by_model.column(c).norm_squared()
+                    + by_record.column(c).norm_squared())
+                    / power)
+                    .clamp(0.0, 1.0);
                 if leverage <= LEVERAGE_MAX {
                     products[c] / (1.0 - leverage).sqrt()
                 } else {
@@ -748,7 +1055,10 @@ impl Screening {
             });
             (products, noise)
         });
-        let (mut products, mut noise) = (DMatrix::zeros(blocks.len(), m), DMatrix::zeros(blocks.len(), m));
+        let (mut products, mut noise) = (
+            DMatrix::zeros(blocks.len(), m),
+            DMatrix::zeros(blocks.len(), m),
+        );
         for (b, (p, n)) in rows.into_iter().enumerate() {
             products.set_row(b, &p.transpose());
             noise.set_row(b, &n.transpose());
@@ -759,15 +1069,24 @@ impl Screening {
     /// Columns of a direction with the inverse of their Gram matrix.
     fn form(&self, d: usize) -> Option<(Vec<usize>, DMatrix<f64>, bool)> {
         let direction = &self.directions[d];
-        let columns: Vec<usize> = direction.columns.clone().filter(|c| self.gram[(*c, *c)] > 0.5).collect();
+        let columns: Vec<usize> = direction
+            .columns
+            .clone()
+            .filter(|c| self.gram[(*c, *c)] > 0.5)
+            .collect();
         let m = columns.len();
-        let gram = DMatrix::from_fn(m, m, |i, j| self.gram[(columns[i], columns[j])] + if i == j { 1e-6 } else { 0.0 });
+        let gram = DMatrix::from_fn(m, m, |i, j| {
+            self.gram[(columns[i], columns[j])] + if i == j { 1e-6 } else { 0.0 }
+        });
         Some((columns, gram.cholesky()?.inverse(), direction.one_sided))
     }
 }
 
 /// What a direction explains of products that `of` gives for each of its columns.
-fn statistic((columns, inverse, one_sided): &(Vec<usize>, DMatrix<f64>, bool), of: impl Fn(usize) -> f64) -> f64 {
+fn statistic(
+    (columns, inverse, one_sided): &(Vec<usize>, DMatrix<f64>, bool),
+    of: impl Fn(usize) -> f64,
+) -> f64 {
     if columns.is_empty() || (*one_sided && of(columns[0]) <= 0.0) {
         return 0.0;
     }
@@ -781,7 +1100,11 @@ fn statistic((columns, inverse, one_sided): &(Vec<usize>, DMatrix<f64>, bool), o
 /// Random signs: a row for each pattern, a column for each block.
 fn toss(count: usize, seed: u64) -> DMatrix<f64> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    DMatrix::from_row_iterator(TOSSES, count, (0..TOSSES * count).map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }))
+    DMatrix::from_row_iterator(
+        TOSSES,
+        count,
+        (0..TOSSES * count).map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }),
+    )
 }
 
 /// How often each block is drawn when as many are drawn with replacement.
@@ -800,12 +1123,15 @@ fn resample(count: usize) -> DMatrix<f64> {
 fn stability(resampled_um2: &[Vec<f64>]) -> Vec<f64> {
     let mut wins = vec![0_usize; resampled_um2.len()];
     for draw in 0..RESAMPLES {
-        let best = (0..resampled_um2.len()).max_by(|&a, &b| resampled_um2[a][draw].total_cmp(&resampled_um2[b][draw]));
+        let best = (0..resampled_um2.len())
+            .max_by(|&a, &b| resampled_um2[a][draw].total_cmp(&resampled_um2[b][draw]));
         if let Some(best) = best {
             wins[best] += 1;
         }
     }
-    wins.into_iter().map(|w| w as f64 / RESAMPLES as f64).collect()
+    wins.into_iter()
+        .map(|w| w as f64 / RESAMPLES as f64)
+        .collect()
 }
 
 /// Step-down correction by the least p-value of the candidates that are left, after Westfall and Young. For
@@ -816,7 +1142,10 @@ fn adjusted_p_values(with_null: &[Vec<f64>]) -> Vec<f64> {
     let mut least = vec![1.0_f64; with_null.first().map_or(0, |v| v.len() - 1)];
     let mut adjusted = vec![1.0; with_null.len()];
     for &i in order.iter().rev() {
-        least.iter_mut().zip(&with_null[i][1..]).for_each(|(l, p)| *l = l.min(*p));
+        least
+            .iter_mut()
+            .zip(&with_null[i][1..])
+            .for_each(|(l, p)| *l = l.min(*p));
         let as_small = least.iter().filter(|l| **l <= with_null[i][0]).count();
         adjusted[i] = (1 + as_small) as f64 / (least.len() + 1) as f64;
     }
@@ -842,13 +1171,22 @@ mod tests {
             // Every other column is the common one, the rest are independent: strongly dependent statistics.
             let mut draw = || {
                 let common: f64 = random.random();
-                (0..candidates).map(|i| if i % 2 == 0 { common } else { random.random() }).collect::<Vec<f64>>()
+                (0..candidates)
+                    .map(|i| if i % 2 == 0 { common } else { random.random() })
+                    .collect::<Vec<f64>>()
             };
             let observed = draw();
             let null: Vec<Vec<f64>> = (0..patterns).map(|_| draw()).collect();
-            let p_of = |i: usize, statistic: f64| (1 + null.iter().filter(|n| n[i] >= statistic).count()) as f64 / (patterns + 1) as f64;
+            let p_of = |i: usize, statistic: f64| {
+                (1 + null.iter().filter(|n| n[i] >= statistic).count()) as f64
+                    / (patterns + 1) as f64
+            };
             let with_null: Vec<Vec<f64>> = (0..candidates)
-                .map(|i| std::iter::once(p_of(i, observed[i])).chain(null.iter().map(|n| p_of(i, n[i]))).collect())
+                .map(|i| {
+                    std::iter::once(p_of(i, observed[i]))
+                        .chain(null.iter().map(|n| p_of(i, n[i])))
+                        .collect()
+                })
                 .collect();
             below += usize::from(adjusted_p_values(&with_null).iter().any(|p| *p <= 0.1));
         }
@@ -859,26 +1197,48 @@ mod tests {
     /// A candidate with which the stage is unstable explains nothing. The search goes on with the others.
     #[test]
     fn what_gives_no_number_has_no_signature() {
-        let drive_v: Vec<f64> = (0..500).map(|k| 50.0 - 50.0 * (0.04 * f64::from(k)).cos()).collect();
+        let drive_v: Vec<f64> = (0..500)
+            .map(|k| 50.0 - 50.0 * (0.04 * f64::from(k)).cos())
+            .collect();
         let read_um = drive_v.iter().map(|v| 0.1 * v).collect();
-        let dataset = Dataset::new("d", 0.0, 100.0, vec![Record::new("a", 1000.0, drive_v, read_um)]).unwrap();
+        let dataset = Dataset::new(
+            "d",
+            0.0,
+            100.0,
+            vec![Record::new("a", 1000.0, drive_v, read_um)],
+        )
+        .unwrap();
         let overview = dataset.overview();
         let model = Model::new(0.0, 100.0);
-        let bent = crate::model_file::effects_named("sensor_nonlinearity").unwrap().remove(0);
+        let bent = crate::model_file::effects_named("sensor_nonlinearity")
+            .unwrap()
+            .remove(0);
         let starts = bent.starts(&overview);
         let with = |start: &[f64]| {
             let mut with = model.clone();
             with.add(EffectInstance::new(bent.clone(), &overview, start));
-            Variation { model: with, differs: bent.declaration().id }
+            Variation {
+                model: with,
+                differs: bent.declaration().id,
+            }
         };
         let variations = [with(&starts[0]), with(&vec![f64::NAN; starts[0].len()])];
         let rows = Rows::strided(&dataset, &[0], 3);
         let (record, samples) = (&dataset.records[0], &rows.records[0].1);
         let reading = model.simulate(&record.drive());
-        assert!(variations[1].model.simulate(&record.drive()).iter().any(|y| !y.is_finite()));
+        assert!(
+            variations[1]
+                .model
+                .simulate(&record.drive())
+                .iter()
+                .any(|y| !y.is_finite())
+        );
         let columns = [Column::Variation(0), Column::Variation(1)];
-        let signatures = columns_of_record(&model, record, samples, &variations, &columns, 0, &reading).unwrap();
-        assert!(signatures.column(0).norm() > 0.0 && signatures.column(0).iter().all(|y| y.is_finite()));
+        let signatures =
+            columns_of_record(&model, record, samples, &variations, &columns, 0, &reading).unwrap();
+        assert!(
+            signatures.column(0).norm() > 0.0 && signatures.column(0).iter().all(|y| y.is_finite())
+        );
         assert_eq!(signatures.column(1).norm(), 0.0);
     }
 }

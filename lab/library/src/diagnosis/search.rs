@@ -69,9 +69,19 @@ impl<'s, 'a> Search<'s, 'a> {
     /// A search over a pool from its start.
     #[must_use]
     pub fn over(pool: Pool<'s, 'a>) -> Self {
-        let start = pool.start().map_or_else(Vec::new, |e| e.judged.model.effect_ids());
+        let start = pool
+            .start()
+            .map_or_else(Vec::new, |e| e.judged.model.effect_ids());
         let (hopeless, study) = (BTreeSet::new(), pool.study);
-        Self { study, pool, start, hopeless, structures_tried: false, stopped: false, out_of_time: false }
+        Self {
+            study,
+            pool,
+            start,
+            hopeless,
+            structures_tried: false,
+            stopped: false,
+            out_of_time: false,
+        }
     }
 
     /// Rounds of extension until nothing better comes.
@@ -92,7 +102,11 @@ impl<'s, 'a> Search<'s, 'a> {
             }
             let before = self.pool.rank(self.pool.best());
             let near = self.study.near_the_noise(&self.pool.best().judged);
-            let patience = if near { policy.rounds_without_gain } else { policy.rounds_without_gain_far_above };
+            let patience = if near {
+                policy.rounds_without_gain
+            } else {
+                policy.rounds_without_gain_far_above
+            };
             if without_gain >= patience {
                 return Ok(());
             }
@@ -119,16 +133,20 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// The start, where that is a gain: the surfaces, a candidate like others, come first in its place.
     fn is_bare_gain(&self, entry: &Entry) -> bool {
-        entry.moves == self.pool.origin && structure(&entry.judged.model).as_deref() == Some(gain::ID)
+        entry.moves == self.pool.origin
+            && structure(&entry.judged.model).as_deref() == Some(gain::ID)
     }
 
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        let fitted = parallel::map(&proposals, |p| self.study.quickly_beside(&p.begin, &p.begun, p.of));
+        let fitted = parallel::map(&proposals, |p| {
+            self.study.quickly_beside(&p.begin, &p.begun, p.of)
+        });
         for (proposal, judged) in proposals.into_iter().zip(fitted) {
             if self.study.merit(&judged) > proposal.of + self.study.policy.hopeless {
                 self.hopeless.insert(names(&proposal.moves));
             }
-            self.pool.keep(Entry::new(self.study, proposal.moves, judged, false));
+            self.pool
+                .keep(Entry::new(self.study, proposal.moves, judged, false));
         }
     }
 
@@ -139,14 +157,29 @@ impl<'s, 'a> Search<'s, 'a> {
         // Beside loops that were there from the beginning another structure is no effect more.
         let loops_added = self.start.iter().any(|id| id == gain::ID);
         for entry in std::iter::once(self.pool.best()).chain(self.pool.start()) {
-            for begin in finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview) {
-                let kept = entry.moves.iter().filter(|m| begin.effect(m.effect()).is_some()).cloned();
-                let mut moves: Vec<Move> = kept.chain(structure(&begin).filter(|_| loops_added).map(Move::Added)).collect();
+            for begin in
+                finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview)
+            {
+                let kept = entry
+                    .moves
+                    .iter()
+                    .filter(|m| begin.effect(m.effect()).is_some())
+                    .cloned();
+                let mut moves: Vec<Move> = kept
+                    .chain(structure(&begin).filter(|_| loops_added).map(Move::Added))
+                    .collect();
                 moves.sort();
                 let key = key(&moves, &begin);
                 if !self.pool.entries.contains_key(&key) && !out.iter().any(|p| p.key == key) {
                     let of = entry.merit + self.study.policy.loops_come_near;
-                    out.push(Proposal { key, moves, begin, begun: Vec::new(), of, promise: 0.0 });
+                    out.push(Proposal {
+                        key,
+                        moves,
+                        begin,
+                        begun: Vec::new(),
+                        of,
+                        promise: 0.0,
+                    });
                 }
             }
         }
@@ -157,11 +190,25 @@ impl<'s, 'a> Search<'s, 'a> {
     fn propose(&mut self) -> Result<Vec<Proposal>> {
         let (study, policy) = (self.study, &self.study.policy);
         let best = self.pool.best();
-        let (kind, near) = (has_surfaces(&best.judged.model), self.pool.rank(best) + policy.loops_come_near);
+        let (kind, near) = (
+            has_surfaces(&best.judged.model),
+            self.pool.rank(best) + policy.loops_come_near,
+        );
         let far_above = !study.near_the_noise(&best.judged);
-        let open = |of: bool| self.pool.ranked().into_iter().filter(move |(_, e)| !e.extended && has_surfaces(&e.judged.model) == of);
-        let others = open(!kind).filter(|(_, e)| self.pool.rank(e) < near).take(policy.width);
-        let extended: Vec<(String, Entry)> = open(kind).take(policy.width).chain(others).map(|(k, e)| (k.clone(), e.clone())).collect();
+        let open = |of: bool| {
+            self.pool
+                .ranked()
+                .into_iter()
+                .filter(move |(_, e)| !e.extended && has_surfaces(&e.judged.model) == of)
+        };
+        let others = open(!kind)
+            .filter(|(_, e)| self.pool.rank(e) < near)
+            .take(policy.width);
+        let extended: Vec<(String, Entry)> = open(kind)
+            .take(policy.width)
+            .chain(others)
+            .map(|(k, e)| (k.clone(), e.clone()))
+            .collect();
         for (key, _) in &extended {
             if let Some(entry) = self.pool.entries.get_mut(key) {
                 entry.extended = true;
@@ -170,7 +217,10 @@ impl<'s, 'a> Search<'s, 'a> {
         let screenings = parallel::map(&extended, |(_, entry)| {
             let model = &entry.judged.model;
             let candidates = study.candidates_for(model);
-            study.watch.event(&WatchEvent::Scoring { candidates: candidates.len(), beside: &entry.added() });
+            study.watch.event(&WatchEvent::Scoring {
+                candidates: candidates.len(),
+                beside: &entry.added(),
+            });
             if far_above && study.fails_held_out(&entry.judged) {
                 let [fitted, on_all] = study.score_on_fitted_and_all(model, &candidates)?;
                 return Ok((fitted, Some(on_all)));
@@ -182,17 +232,31 @@ impl<'s, 'a> Search<'s, 'a> {
             let (screening, on_all) = screening?;
             let model = &entry.judged.model;
             let of_its_kind = has_surfaces(model) == kind;
-            let proposals = if of_its_kind { &mut proposed.by_fitted } else { &mut proposed.beside_other_loops };
+            let proposals = if of_its_kind {
+                &mut proposed.by_fitted
+            } else {
+                &mut proposed.beside_other_loops
+            };
             let first = proposals.is_empty();
             if first {
                 self.offer_finer(study.finer(model), entry, &screening, proposals);
-                self.offer_finer(study.finer_plays(model), entry, &screening, &mut proposed.finer_terms);
+                self.offer_finer(
+                    study.finer_plays(model),
+                    entry,
+                    &screening,
+                    &mut proposed.finer_terms,
+                );
             }
             self.propose_effects(entry, &screening, proposals);
             // Far above the noise a finer creep decides which of two that are nearly as good goes on; near
             // it, it would stand in for what is missing.
             if first || (far_above && of_its_kind) {
-                self.offer_finer(study.finer_creep(model), entry, &screening, &mut proposed.finer_terms);
+                self.offer_finer(
+                    study.finer_creep(model),
+                    entry,
+                    &screening,
+                    &mut proposed.finer_terms,
+                );
             }
             if let Some(on_all) = on_all.filter(|_| of_its_kind) {
                 self.propose_effects(entry, &on_all, &mut proposed.by_all);
@@ -208,14 +272,29 @@ impl<'s, 'a> Search<'s, 'a> {
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
         let scores = &screening.scores;
         let at_the_noise = self.study.merit_is_at_the_noise(entry.merit);
-        for (place, score) in scores.iter().take(if room > 0 { policy.singles } else { 0 }).enumerate() {
+        for (place, score) in scores
+            .iter()
+            .take(if room > 0 { policy.singles } else { 0 })
+            .enumerate()
+        {
             let left = 1.0 - score.explained_um2 / total;
             let seen = at_the_noise && self.study.seen_in_the_noise(score);
-            let left = if seen { left.min(policy.promises_nothing) } else { left };
+            let left = if seen {
+                left.min(policy.promises_nothing)
+            } else {
+                left
+            };
             // The strongest are begun from two sides.
-            let guesses = if place < policy.guesses && !score.effect.starts_combine() { policy.guesses } else { 1 };
+            let guesses = if place < policy.guesses && !score.effect.starts_combine() {
+                policy.guesses
+            } else {
+                1
+            };
             for start in score.starts.iter().take(guesses) {
-                let begin = self.study.with(&entry.judged.model, &[(score.effect.clone(), start.clone())]);
+                let begin = self.study.with(
+                    &entry.judged.model,
+                    &[(score.effect.clone(), start.clone())],
+                );
                 self.offer(entry, &[score], begin, left, out);
             }
         }
@@ -232,24 +311,50 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         pairs.sort_by(|x, y| x.0.total_cmp(&y.0));
         for (left, both) in pairs.into_iter().take(policy.pairs) {
-            let begins: Vec<_> = both.iter().map(|s| (s.effect.clone(), s.starts[0].clone())).collect();
-            self.offer(entry, &both, self.study.with(&entry.judged.model, &begins), left, out);
+            let begins: Vec<_> = both
+                .iter()
+                .map(|s| (s.effect.clone(), s.starts[0].clone()))
+                .collect();
+            self.offer(
+                entry,
+                &both,
+                self.study.with(&entry.judged.model, &begins),
+                left,
+                out,
+            );
         }
     }
 
-    fn offer_finer(&self, finer: Vec<Model>, entry: &Entry, screening: &Screening, out: &mut Vec<Proposal>) {
+    fn offer_finer(
+        &self,
+        finer: Vec<Model>,
+        entry: &Entry,
+        screening: &Screening,
+        out: &mut Vec<Proposal>,
+    ) {
         let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
-        finer.into_iter().for_each(|begin| self.offer(entry, &[], begin, left, out));
+        finer
+            .into_iter()
+            .for_each(|begin| self.offer(entry, &[], begin, left, out));
     }
 
-    fn offer(&self, entry: &Entry, scores: &[&CandidateScore], begin: Model, left: f64, out: &mut Vec<Proposal>) {
+    fn offer(
+        &self,
+        entry: &Entry,
+        scores: &[&CandidateScore],
+        begin: Model,
+        left: f64,
+        out: &mut Vec<Proposal>,
+    ) {
         if left > self.study.policy.promises_nothing {
             return;
         }
         let new = scores.iter().map(|s| Move::Added(s.id.clone()));
         let mut moves: Vec<Move> = entry.moves.iter().cloned().chain(new).collect();
         moves.retain(|m| {
-            matches!(m, Move::Freed(_)) || (!self.start.iter().any(|id| id == m.effect()) && begin.effect(m.effect()).is_some())
+            matches!(m, Move::Freed(_))
+                || (!self.start.iter().any(|id| id == m.effect())
+                    && begin.effect(m.effect()).is_some())
         });
         moves.sort();
         moves.dedup();
@@ -259,26 +364,50 @@ impl<'s, 'a> Search<'s, 'a> {
         let hopeless = !scores.is_empty() && self.hopeless.contains(&names(&moves));
         if !self.pool.entries.contains_key(&key) && !hopeless {
             let begun = scores.iter().map(|s| s.id.clone()).collect();
-            out.push(Proposal { key, moves, begin, begun, of: entry.merit, promise: entry.merit.exp() * left });
+            out.push(Proposal {
+                key,
+                moves,
+                begin,
+                begun,
+                of: entry.merit,
+                promise: entry.merit.exp() * left,
+            });
         }
     }
 }
 
 impl Proposals {
     fn most_promising(self, trials: usize) -> Vec<Proposal> {
-        let Self { by_fitted: mut out, mut by_all, mut beside_other_loops, finer_terms } = self;
+        let Self {
+            by_fitted: mut out,
+            mut by_all,
+            mut beside_other_loops,
+            finer_terms,
+        } = self;
         // Where models fail held-out records, most trials go to what shows there.
-        let of_all = if by_all.is_empty() { 0 } else { trials.div_ceil(2) };
+        let of_all = if by_all.is_empty() {
+            0
+        } else {
+            trials.div_ceil(2)
+        };
         keep_most_promising(&mut out, trials - of_all);
         by_all.retain(|one| out.iter().all(|other| other.key != one.key));
         keep_most_promising(&mut by_all, of_all);
         keep_most_promising(&mut beside_other_loops, trials.div_ceil(2));
-        out.into_iter().chain(by_all).chain(beside_other_loops).chain(finer_terms).collect()
+        out.into_iter()
+            .chain(by_all)
+            .chain(beside_other_loops)
+            .chain(finer_terms)
+            .collect()
     }
 }
 
 fn keep_most_promising(proposals: &mut Vec<Proposal>, most: usize) {
-    proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
+    proposals.sort_by(|a, b| {
+        a.promise
+            .total_cmp(&b.promise)
+            .then_with(|| a.key.cmp(&b.key))
+    });
     proposals.truncate(most);
 }
 

@@ -38,16 +38,36 @@ impl Losses {
     #[must_use]
     pub fn of_judged(study: &Study, judged: &Judged) -> Self {
         let both = study.split.both();
-        let fitted_samples: usize = study.split.identify.iter().map(|i| judged.residuals[*i].len()).sum();
-        let values = judged.model.effects.iter().flat_map(|e| &e.parameters).filter(|p| !p.parameter.fixed).count();
+        let fitted_samples: usize = study
+            .split
+            .identify
+            .iter()
+            .map(|i| judged.residuals[*i].len())
+            .sum();
+        let values = judged
+            .model
+            .effects
+            .iter()
+            .flat_map(|e| &e.parameters)
+            .filter(|p| !p.parameter.fixed)
+            .count();
         let of_record = |i: &usize| -> Vec<f64> {
             let left = &judged.residuals[*i];
             // What so many free values take out of the noise of the records that they were fitted to, given
             // back twice.
-            let noise_um2 = study.floors_um[*i].map_or_else(|| dot(left, left) / left.len().max(1) as f64, |um| um * um);
-            let taken_um2 =
-                if study.split.identify.contains(i) { 2.0 * noise_um2 * values as f64 / fitted_samples.max(1) as f64 } else { 0.0 };
-            blocks(left.len()).into_iter().map(|b| dot(&left[b.clone()], &left[b.clone()]) / b.len().max(1) as f64 + taken_um2).collect()
+            let noise_um2 = study.floors_um[*i]
+                .map_or_else(|| dot(left, left) / left.len().max(1) as f64, |um| um * um);
+            let taken_um2 = if study.split.identify.contains(i) {
+                2.0 * noise_um2 * values as f64 / fitted_samples.max(1) as f64
+            } else {
+                0.0
+            };
+            blocks(left.len())
+                .into_iter()
+                .map(|b| {
+                    dot(&left[b.clone()], &left[b.clone()]) / b.len().max(1) as f64 + taken_um2
+                })
+                .collect()
         };
         Self(both.iter().map(of_record).collect())
     }
@@ -103,21 +123,47 @@ impl Scale {
     fn of(study: &Study, losses: &[&Losses]) -> Self {
         let (both, policy) = (study.split.both(), &study.policy);
         let (fitted, held_out) = (study.split.identify.len(), study.split.validate.len());
-        let of_held_out = if held_out == 0 { 0.0 } else { policy.held_out_weight };
-        let weight = |i: &usize| {
-            if study.split.identify.contains(i) { (1.0 - of_held_out) / fitted.max(1) as f64 } else { of_held_out / held_out.max(1) as f64 }
+        let of_held_out = if held_out == 0 {
+            0.0
+        } else {
+            policy.held_out_weight
         };
-        let least = |r: usize| losses.iter().map(|l| l.mean(r)).fold(f64::INFINITY, f64::min);
-        let noise_um2 = |r: usize| study.floors_um[both[r]].map(|um| (study.as_the_noise() * um).powi(2));
-        let unit_um2: Vec<f64> = (0..both.len()).map(|r| least(r).max(noise_um2(r).unwrap_or(0.0)).max(f64::MIN_POSITIVE)).collect();
+        let weight = |i: &usize| {
+            if study.split.identify.contains(i) {
+                (1.0 - of_held_out) / fitted.max(1) as f64
+            } else {
+                of_held_out / held_out.max(1) as f64
+            }
+        };
+        let least = |r: usize| {
+            losses
+                .iter()
+                .map(|l| l.mean(r))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let noise_um2 =
+            |r: usize| study.floors_um[both[r]].map(|um| (study.as_the_noise() * um).powi(2));
+        let unit_um2: Vec<f64> = (0..both.len())
+            .map(|r| {
+                least(r)
+                    .max(noise_um2(r).unwrap_or(0.0))
+                    .max(f64::MIN_POSITIVE)
+            })
+            .collect();
         let margin = (0..both.len())
             .map(|r| {
                 let remains = noise_um2(r).map_or(1.0, |noise_um2| 1.0 - noise_um2 / unit_um2[r]);
-                (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains).max(policy.matters_at_noise)
+                (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains)
+                    .max(policy.matters_at_noise)
             })
             .collect();
         let is_held_out = |i: &usize| !study.split.identify.contains(i);
-        Self { weights: both.iter().map(weight).collect(), held_out: both.iter().map(is_held_out).collect(), unit_um2, margin }
+        Self {
+            weights: both.iter().map(weight).collect(),
+            held_out: both.iter().map(is_held_out).collect(),
+            unit_um2,
+            margin,
+        }
     }
 }
 
@@ -142,20 +188,35 @@ impl Compared {
         for r in 0..records {
             let count = losses[0].0[r].len();
             let drawn = draws(count, &mut random);
-            let blocks = DMatrix::from_fn(count, models, |b, m| losses[m].0[r][b] / scale.unit_um2[r]);
+            let blocks =
+                DMatrix::from_fn(count, models, |b, m| losses[m].0[r][b] / scale.unit_um2[r]);
             let of_draws = drawn * &blocks;
             for m in 0..models {
                 means[r][m] = blocks.column(m).mean();
                 means[records][m] += scale.weights[r] * means[r][m];
-                held_out[m] += if scale.held_out[r] { scale.weights[r] * means[r][m] } else { 0.0 };
+                held_out[m] += if scale.held_out[r] {
+                    scale.weights[r] * means[r][m]
+                } else {
+                    0.0
+                };
                 for t in 0..RESAMPLES {
                     resampled[r][t][m] = of_draws[(t, m)];
                     resampled[records][t][m] += scale.weights[r] * of_draws[(t, m)];
                 }
             }
         }
-        let all = scale.weights.iter().zip(&scale.margin).map(|(w, m)| w * m).sum();
-        Self { means, resampled, held_out, margins: scale.margin.iter().copied().chain([all]).collect() }
+        let all = scale
+            .weights
+            .iter()
+            .zip(&scale.margin)
+            .map(|(w, m)| w * m)
+            .sum();
+        Self {
+            means,
+            resampled,
+            held_out,
+            margins: scale.margin.iter().copied().chain([all]).collect(),
+        }
     }
 
     /// By how many standard errors one model is worse than another beyond the margin, and the same of every
@@ -175,7 +236,10 @@ impl Compared {
         }
         for k in 0..=all {
             let by = self.means[k][one] - self.means[k][other];
-            let resampled: Vec<f64> = self.resampled[k].iter().map(|m| m[one] - m[other] - by).collect();
+            let resampled: Vec<f64> = self.resampled[k]
+                .iter()
+                .map(|m| m[one] - m[other] - by)
+                .collect();
             let error = (resampled.iter().map(|d| d * d).sum::<f64>() / RESAMPLES as f64).sqrt();
             if error <= 0.0 {
                 continue;
@@ -183,7 +247,10 @@ impl Compared {
             if k == all || (in_all > 0.0 && holds) {
                 most = most.max((by - self.margins[k]) / error);
             }
-            by_chance.iter_mut().zip(resampled).for_each(|(m, d)| *m = m.max(d / error));
+            by_chance
+                .iter_mut()
+                .zip(resampled)
+                .for_each(|(m, d)| *m = m.max(d / error));
         }
         (most, by_chance)
     }
@@ -191,19 +258,42 @@ impl Compared {
     /// Rejects the worst until none is worse than another by more than chance.
     fn eliminated(&self, policy: &Policy) -> Vec<Fate> {
         let models = self.means[0].len();
-        let pairs: Vec<Vec<(f64, Vec<f64>)>> =
-            (0..models).map(|one| (0..models).map(|other| self.worse(one, other, policy)).collect()).collect();
+        let pairs: Vec<Vec<(f64, Vec<f64>)>> = (0..models)
+            .map(|one| {
+                (0..models)
+                    .map(|other| self.worse(one, other, policy))
+                    .collect()
+            })
+            .collect();
         let mut out = vec![Fate::Kept; models];
         let mut left: BTreeSet<usize> = (0..models).collect();
         while left.len() > 1 {
-            let worst_of = |one: &usize| left.iter().filter(|o| *o != one).map(|o| pairs[*one][*o].0).fold(f64::NEG_INFINITY, f64::max);
+            let worst_of = |one: &usize| {
+                left.iter()
+                    .filter(|o| *o != one)
+                    .map(|o| pairs[*one][*o].0)
+                    .fold(f64::NEG_INFINITY, f64::max)
+            };
             let mut by_chance: Vec<f64> = vec![f64::NEG_INFINITY; RESAMPLES];
-            for (one, other) in left.iter().flat_map(|a| left.iter().map(move |b| (*a, *b))).filter(|(a, b)| a != b) {
-                by_chance.iter_mut().zip(&pairs[one][other].1).for_each(|(m, d)| *m = m.max(*d));
+            for (one, other) in left
+                .iter()
+                .flat_map(|a| left.iter().map(move |b| (*a, *b)))
+                .filter(|(a, b)| a != b)
+            {
+                by_chance
+                    .iter_mut()
+                    .zip(&pairs[one][other].1)
+                    .for_each(|(m, d)| *m = m.max(*d));
             }
             by_chance.sort_by(f64::total_cmp);
             let critical = by_chance[((1.0 - policy.family_wise) * RESAMPLES as f64) as usize];
-            let Some((worst, by)) = left.iter().map(|one| (*one, worst_of(one))).max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+            let Some((worst, by)) = left
+                .iter()
+                .map(|one| (*one, worst_of(one)))
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+            else {
+                break;
+            };
             if by <= critical {
                 break;
             }
@@ -248,14 +338,23 @@ pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
     pool.compare_best();
     let policy = pool.study.policy.clone();
     // Models are compared with the best that is what it is called, fitted as far as the others.
-    let admissible = |pool: &Pool| pool.ranked().into_iter().find(|(_, e)| !e.is_excluded()).map(|(k, _)| k.clone());
+    let admissible = |pool: &Pool| {
+        pool.ranked()
+            .into_iter()
+            .find(|(_, e)| !e.is_excluded())
+            .map(|(k, _)| k.clone())
+    };
     while let Some(key) = admissible(pool).filter(|k| !pool.entries[k].compared) {
         pool.compare(&[key]);
     }
     // What no test could keep is not compared: the merit is a logarithm of the error.
     let most = |pool: &Pool| {
         let best = admissible(pool).map_or_else(|| pool.best(), |k| &pool.entries[&k]);
-        let margin = if pool.study.near_the_noise(&best.judged) { policy.matters_at_noise } else { policy.matters_of_remainder };
+        let margin = if pool.study.near_the_noise(&best.judged) {
+            policy.matters_at_noise
+        } else {
+            policy.matters_of_remainder
+        };
         best.merit + 0.5 * (1.0 + margin).ln() + policy.in_contention
     };
     let levels: BTreeSet<usize> = pool.entries.values().map(|e| e.moves.len()).collect();
@@ -263,20 +362,34 @@ pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
     for level in levels {
         let limit = most(pool);
         let in_contention = |pool: &Pool| -> Vec<String> {
-            let of_level = |(_, e): &(&String, &Entry)| e.moves.len() == level && !e.is_excluded() && (e.merit < limit);
+            let of_level = |(_, e): &(&String, &Entry)| {
+                e.moves.len() == level && !e.is_excluded() && (e.merit < limit)
+            };
             let ranked = pool.ranked();
-            ranked.into_iter().filter(of_level).take(policy.compared_of_a_level).map(|(k, _)| k.clone()).collect()
+            ranked
+                .into_iter()
+                .filter(of_level)
+                .take(policy.compared_of_a_level)
+                .map(|(k, _)| k.clone())
+                .collect()
         };
         pool.compare(&in_contention(pool));
         let mut models = in_contention(pool);
-        let best = pool.ranked().into_iter().find(|(_, e)| !e.is_excluded() && e.compared).map(|(k, _)| k.clone());
+        let best = pool
+            .ranked()
+            .into_iter()
+            .find(|(_, e)| !e.is_excluded() && e.compared)
+            .map(|(k, _)| k.clone());
         let of_level = models.len();
         models.extend(best.filter(|b| !models.contains(b)));
         if of_level == 0 {
             continue;
         }
         pool.weigh(&models);
-        let losses: Vec<&Losses> = models.iter().filter_map(|k| pool.entries[k].losses.as_ref()).collect();
+        let losses: Vec<&Losses> = models
+            .iter()
+            .filter_map(|k| pool.entries[k].losses.as_ref())
+            .collect();
         let fates = confidence_set(pool.study, &losses);
         let mut minimal = Vec::new();
         for (key, fate) in models.into_iter().zip(fates).take(of_level) {
@@ -289,7 +402,10 @@ pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
             return Selected { minimal, rejected };
         }
     }
-    Selected { minimal: Vec::new(), rejected }
+    Selected {
+        minimal: Vec::new(),
+        rejected,
+    }
 }
 
 #[cfg(test)]
@@ -299,13 +415,22 @@ mod tests {
     /// One fitted record rejects no model in favour of another that is worse on held-out records.
     #[test]
     fn what_a_fitted_record_shows_alone_must_hold_out() {
-        let scale =
-            Scale { weights: vec![1.0 / 3.0, 2.0 / 3.0], held_out: vec![false, true], unit_um2: vec![1.0; 2], margin: vec![1.0; 2] };
-        let blocks = |level: f64| (0..60).map(|b| level * (1.0 + 0.1 * f64::from(b % 7))).collect::<Vec<f64>>();
+        let scale = Scale {
+            weights: vec![1.0 / 3.0, 2.0 / 3.0],
+            held_out: vec![false, true],
+            unit_um2: vec![1.0; 2],
+            margin: vec![1.0; 2],
+        };
+        let blocks = |level: f64| {
+            (0..60)
+                .map(|b| level * (1.0 + 0.1 * f64::from(b % 7)))
+                .collect::<Vec<f64>>()
+        };
         let without = Losses(vec![blocks(3.6), blocks(1.0)]);
         let fates = |held_out: f64| {
             let with = Losses(vec![blocks(1.0), blocks(held_out)]);
-            Compared::of(&scale, &[&without, &with], &Policy::default()).eliminated(&Policy::default())
+            Compared::of(&scale, &[&without, &with], &Policy::default())
+                .eliminated(&Policy::default())
         };
         assert!(matches!(fates(1.0)[..], [Fate::Rejected(_), Fate::Kept]));
         assert_eq!(fates(1.1), [Fate::Kept; 2]);

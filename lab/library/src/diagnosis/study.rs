@@ -64,7 +64,12 @@ pub struct Study<'a> {
 }
 
 /// How far a fit goes to see whether a set of effects can compete.
-const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003, looks_again: false };
+const QUICK: Effort = Effort {
+    iterations: 6,
+    tolerance: 0.5,
+    relative: 0.003,
+    looks_again: false,
+};
 /// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such
 /// fits on the recorded stage 75 ended so, a sixth of the time, and one of them would have come to a gain, of
 /// 0.04.
@@ -81,23 +86,46 @@ const OUT_OF_REACH: f64 = 1.0;
 /// What is so far behind half way through a quick fit is behind at its end.
 pub const FAR_BEHIND: f64 = 1.0;
 /// How far what is added is fitted by itself.
-const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01, looks_again: false };
+const FIRST: Effort = Effort {
+    iterations: 3,
+    tolerance: 0.5,
+    relative: 0.01,
+    looks_again: false,
+};
 /// How far what is only ranked: begun where its values are known, one step shows which brings most.
-const RANKED: Effort = Effort { iterations: 1, ..FIRST };
+const RANKED: Effort = Effort {
+    iterations: 1,
+    ..FIRST
+};
 /// How far it goes before two sets are compared.
-const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4, looks_again: false };
+const COMPARING: Effort = Effort {
+    iterations: 15,
+    tolerance: 0.2,
+    relative: 3e-4,
+    looks_again: false,
+};
 
 /// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are
 /// none of its knowledge.
-const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4, looks_again: false };
+const TO_THE_END_FAR_ABOVE: Effort = Effort {
+    iterations: 30,
+    tolerance: 0.05,
+    relative: 2e-4,
+    looks_again: false,
+};
 
 /// A model that leaves so many times as much of the held-out records has taken in what they would show.
 const FAILS_HELD_OUT: f64 = 1.5;
 
 /// Whether an effect is of a ceramic or of the amplifier in front of it.
 fn is_of_a_ceramic(place: Place) -> bool {
-    use Place::{AmplifierBandwidth, AmplifierSaturation, AmplifierSlew, Charge, Creep, Hysteresis};
-    matches!(place, AmplifierBandwidth | AmplifierSlew | AmplifierSaturation | Charge | Hysteresis | Creep)
+    use Place::{
+        AmplifierBandwidth, AmplifierSaturation, AmplifierSlew, Charge, Creep, Hysteresis,
+    };
+    matches!(
+        place,
+        AmplifierBandwidth | AmplifierSlew | AmplifierSaturation | Charge | Hysteresis | Creep
+    )
 }
 
 /// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come
@@ -107,17 +135,42 @@ const CANNOT_CATCH_UP: f64 = 0.15;
 impl<'a> Study<'a> {
     /// A study of a data set.
     #[must_use]
-    pub fn new(dataset: &'a Dataset, candidates: Vec<Arc<dyn Effect>>, floor: &NoiseFloor, policy: Policy, watch: &'a dyn Watch) -> Self {
-        let at_rest = (floor.rms_um, floor.of_records_um.as_slice(), &floor.lines_at_rest);
+    pub fn new(
+        dataset: &'a Dataset,
+        candidates: Vec<Arc<dyn Effect>>,
+        floor: &NoiseFloor,
+        policy: Policy,
+        watch: &'a dyn Watch,
+    ) -> Self {
+        let at_rest = (
+            floor.rms_um,
+            floor.of_records_um.as_slice(),
+            &floor.lines_at_rest,
+        );
         let study = Self::with_floors(dataset, candidates, at_rest, policy, watch);
-        Self { floor_relative_std: floor.relative_std(), reading_step_um: floor.reading_step_um, at_least_um: floor.at_least_um, ..study }
+        Self {
+            floor_relative_std: floor.relative_std(),
+            reading_step_um: floor.reading_step_um,
+            at_least_um: floor.at_least_um,
+            ..study
+        }
     }
 
     /// The same study of the same readings with something else known of them.
     #[must_use]
     pub fn of<'b>(&'b self, dataset: &'b Dataset) -> Study<'b> {
-        let at_rest = (self.floor_um, self.floors_um.as_slice(), &self.lines_at_rest);
-        Study::with_floors(dataset, self.candidates.clone(), at_rest, self.policy.clone(), self.watch)
+        let at_rest = (
+            self.floor_um,
+            self.floors_um.as_slice(),
+            &self.lines_at_rest,
+        );
+        Study::with_floors(
+            dataset,
+            self.candidates.clone(),
+            at_rest,
+            self.policy.clone(),
+            self.watch,
+        )
     }
 
     fn with_floors(
@@ -129,7 +182,11 @@ impl<'a> Study<'a> {
     ) -> Self {
         let split = Split::of(dataset);
         let searched = for_search(dataset, policy.walked_samples);
-        let samples: usize = split.identify.iter().map(|i| searched.records[*i].window.len()).sum();
+        let samples: usize = split
+            .identify
+            .iter()
+            .map(|i| searched.records[*i].window.len())
+            .sum();
         let stride = samples.div_ceil(policy.search_samples.max(1)).max(1);
         let stride_of_scoring = samples.div_ceil(policy.scoring_samples.max(1)).max(1);
         Self {
@@ -159,7 +216,13 @@ impl<'a> Study<'a> {
     /// Records are so long that they were searched on their beginnings.
     #[must_use]
     pub fn searched_beginnings(&self) -> bool {
-        let judged = |data: &Dataset| -> usize { self.split.both().iter().map(|i| data.records[*i].window.len()).sum() };
+        let judged = |data: &Dataset| -> usize {
+            self.split
+                .both()
+                .iter()
+                .map(|i| data.records[*i].window.len())
+                .sum()
+        };
         judged(&self.searched) < judged(self.dataset)
     }
 
@@ -174,7 +237,9 @@ impl<'a> Study<'a> {
         let joins = |effect: &&Arc<dyn Effect>| {
             let declaration = effect.declaration();
             model.effect(&declaration.id).is_none()
-                && !(no_ceramic && effect.definition().is_none() && is_of_a_ceramic(declaration.place))
+                && !(no_ceramic
+                    && effect.definition().is_none()
+                    && is_of_a_ceramic(declaration.place))
                 && effect.may_join(model, &self.overview)
                 && effect.speaks_for_it(model, &self.lines_at_rest)
                 && !effect.starts(&self.overview).is_empty()
@@ -195,15 +260,28 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn score_on_fitted_and_all(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<[Screening; 2]> {
+    pub fn score_on_fitted_and_all(
+        &self,
+        model: &Model,
+        effects: &[Arc<dyn Effect>],
+    ) -> Result<[Screening; 2]> {
         let rows = [&self.scoring, &self.scoring_all];
-        screen_some_and_all(model, &self.overview, &self.searched, rows, effects, self.floor_um)
+        screen_some_and_all(
+            model,
+            &self.overview,
+            &self.searched,
+            rows,
+            effects,
+            self.floor_um,
+        )
     }
 
     /// Whether a model leaves much more of the held-out records than of those that it was fitted to.
     #[must_use]
     pub fn fails_held_out(&self, judged: &Judged) -> bool {
-        judged.validate_rms_um.is_some_and(|held_out_um| held_out_um > FAILS_HELD_OUT * judged.identify_rms_um)
+        judged
+            .validate_rms_um
+            .is_some_and(|held_out_um| held_out_um > FAILS_HELD_OUT * judged.identify_rms_um)
     }
 
     /// Scores these effects beside a model, for a search.
@@ -211,15 +289,36 @@ impl<'a> Study<'a> {
     /// # Errors
     /// As [`screen`].
     pub fn score_each(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
-        screen(model, &self.overview, &self.searched, &self.scoring, effects, self.floor_um, Weighing::Quick)
+        screen(
+            model,
+            &self.overview,
+            &self.searched,
+            &self.scoring,
+            effects,
+            self.floor_um,
+            Weighing::Quick,
+        )
     }
 
     /// Scores candidates beside a model against chance.
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn weigh(&self, model: &Model, candidates: &[Arc<dyn Effect>], seed: u64) -> Result<Screening> {
-        screen(model, &self.overview, &self.searched, &self.evidence, candidates, self.floor_um, Weighing::AgainstChance(seed))
+    pub fn weigh(
+        &self,
+        model: &Model,
+        candidates: &[Arc<dyn Effect>],
+        seed: u64,
+    ) -> Result<Screening> {
+        screen(
+            model,
+            &self.overview,
+            &self.searched,
+            &self.evidence,
+            candidates,
+            self.floor_um,
+            Weighing::AgainstChance(seed),
+        )
     }
 
     /// A model with effects begun at these values.
@@ -240,7 +339,10 @@ impl<'a> Study<'a> {
     /// shows).
     fn first_value_first(&self, model: &Model, id: &str) -> Model {
         let held = holding(model, |effect, place| effect == id && place > 0);
-        as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, model)
+        as_free_as(
+            fit_rows(&held, &self.searched, &self.quick, FIRST).model,
+            model,
+        )
     }
 
     /// Fits far enough to see which of several brings most.
@@ -272,7 +374,10 @@ impl<'a> Study<'a> {
         let mut begin = begin.clone();
         if !added.is_empty() && behind(&begin) > PLAINLY_BEHIND {
             let held = holding(&begin, |effect, _| !added.iter().any(|id| id == effect));
-            let alone = self.judged_quickly(as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, &begin));
+            let alone = self.judged_quickly(as_free_as(
+                fit_rows(&held, &self.searched, &self.quick, FIRST).model,
+                &begin,
+            ));
             if self.merit(&alone) - of > OUT_OF_REACH {
                 return alone;
             }
@@ -288,7 +393,11 @@ impl<'a> Study<'a> {
         let looked_at = Cell::new(false);
         // At the noise all that an effect can bring is less than what ends a quick fit.
         let at_the_noise = self.merit_is_at_the_noise(of);
-        let fast = if self.merit_is_within(self.policy.near_the_noise, of) { FALLS_TO_THE_NOISE } else { FALLS_FAST };
+        let fast = if self.merit_is_within(self.policy.near_the_noise, of) {
+            FALLS_TO_THE_NOISE
+        } else {
+            FALLS_FAST
+        };
         let goes_on = |progress: &FitProgress| {
             if progress.fell > fast {
                 return true;
@@ -297,12 +406,28 @@ impl<'a> Study<'a> {
                 return false;
             }
             // Beside nothing it is behind nothing, and held-out records are not simulated to find that.
-            let is_looked_at = of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
+            let is_looked_at =
+                of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
             !is_looked_at || self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
         };
-        let effort =
-            if at_the_noise { Effort { looks_again: true, ..COMPARING } } else { Effort { iterations: COMPARING.iterations, ..QUICK } };
-        self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, effort, goes_on))
+        let effort = if at_the_noise {
+            Effort {
+                looks_again: true,
+                ..COMPARING
+            }
+        } else {
+            Effort {
+                iterations: COMPARING.iterations,
+                ..QUICK
+            }
+        };
+        self.judged_as_fitted(fit_while(
+            begin,
+            &self.searched,
+            &self.quick,
+            effort,
+            goes_on,
+        ))
     }
 
     fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {
@@ -310,15 +435,31 @@ impl<'a> Study<'a> {
     }
 
     fn judged_as_fitted(&self, fit: Fit) -> Judged {
-        judge_fit(fit, &self.quick, &self.searched, &self.split, &self.quick_judging)
+        judge_fit(
+            fit,
+            &self.quick,
+            &self.searched,
+            &self.split,
+            &self.quick_judging,
+        )
     }
 
     /// Fits as far as it goes, judged on all samples.
     #[must_use]
     pub fn thoroughly(&self, model: &Model) -> Judged {
         let far_above = self.far_above_the_noise(&self.judged_quickly(model.clone()));
-        let effort = if far_above { TO_THE_END_FAR_ABOVE } else { Effort::default() };
-        judge_fit(fit_rows(model, self.dataset, &self.thorough, effort), &self.thorough, self.dataset, &self.split, &self.all)
+        let effort = if far_above {
+            TO_THE_END_FAR_ABOVE
+        } else {
+            Effort::default()
+        };
+        judge_fit(
+            fit_rows(model, self.dataset, &self.thorough, effort),
+            &self.thorough,
+            self.dataset,
+            &self.split,
+            &self.all,
+        )
     }
 
     /// Judges a model as it is on all samples.
@@ -345,12 +486,19 @@ impl<'a> Study<'a> {
     fn merit_of(&self, left_um: impl Fn(usize) -> f64) -> f64 {
         let least = |i: usize| self.floors_um[i].unwrap_or(0.0).max(1e-300);
         let mean = |records: &[usize]| {
-            let mut each: Vec<f64> = records.iter().map(|i| left_um(*i).max(least(*i)).ln()).collect();
+            let mut each: Vec<f64> = records
+                .iter()
+                .map(|i| left_um(*i).max(least(*i)).ln())
+                .collect();
             each.sort_by(f64::total_cmp);
             each.iter().sum::<f64>() / each.len().max(1) as f64
         };
         let fitted = mean(&self.split.identify);
-        let weight = if self.split.validate.is_empty() { 0.0 } else { self.policy.held_out_weight };
+        let weight = if self.split.validate.is_empty() {
+            0.0
+        } else {
+            self.policy.held_out_weight
+        };
         weight * mean(&self.split.validate) + (1.0 - weight) * fitted
     }
 
@@ -369,18 +517,25 @@ impl<'a> Study<'a> {
     /// Every judged record is at the floor.
     #[must_use]
     pub fn nothing_left(&self, judged: &Judged) -> bool {
-        self.in_all_records(judged, |rms_um, floor_um| rms_um < self.policy.nothing_left * floor_um)
+        self.in_all_records(judged, |rms_um, floor_um| {
+            rms_um < self.policy.nothing_left * floor_um
+        })
     }
 
     /// Every judged record has a floor and this relation to it.
     fn in_all_records(&self, judged: &Judged, holds: impl Fn(f64, f64) -> bool) -> bool {
-        let mut both = judged.residuals.iter().zip(&self.floors_um).filter(|(r, _)| !r.is_empty());
+        let mut both = judged
+            .residuals
+            .iter()
+            .zip(&self.floors_um)
+            .filter(|(r, _)| !r.is_empty());
         both.all(|(r, floor)| floor.is_some_and(|floor_um| holds(rms(r), floor_um)))
     }
 
     /// The noise is known, and this merit is that of a model that leaves less than so many times as much.
     fn merit_is_within(&self, times: f64, merit: f64) -> bool {
-        self.floor_um.is_some() && merit < self.merit_of(|i| self.floors_um[i].unwrap_or(0.0)) + times.ln()
+        self.floor_um.is_some()
+            && merit < self.merit_of(|i| self.floors_um[i].unwrap_or(0.0)) + times.ln()
     }
 
     /// This merit is that of a model at the noise: what else there is, is a small share of what is left,
@@ -393,7 +548,9 @@ impl<'a> Study<'a> {
     /// The noise is known, and an effect explains more of it than chance does.
     #[must_use]
     pub fn seen_in_the_noise(&self, score: &CandidateScore) -> bool {
-        self.floor_um.is_some_and(|floor_um| score.explained_um2 > self.policy.seen_in_the_noise * floor_um * floor_um)
+        self.floor_um.is_some_and(|floor_um| {
+            score.explained_um2 > self.policy.seen_in_the_noise * floor_um * floor_um
+        })
     }
 
     /// The noise is known, and a model leaves not much more.
@@ -424,7 +581,12 @@ impl<'a> Study<'a> {
             // meaning.
             d.modifies == Some(id) && model.effect(id).is_some_and(|of| place(of) == d.place)
         };
-        let gone: Vec<String> = out.effects.iter().filter(|e| orphaned(e)).map(|e| e.id.clone()).collect();
+        let gone: Vec<String> = out
+            .effects
+            .iter()
+            .filter(|e| orphaned(e))
+            .map(|e| e.id.clone())
+            .collect();
         out.effects.retain(|e| !gone.contains(&e.id));
         out
     }
@@ -434,15 +596,37 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn seated(&self, model: &Model, effect: &Arc<dyn Effect>, starts: usize, of: f64) -> Result<Judged> {
-        let screening = screen(model, &self.overview, &self.searched, &self.scoring, std::slice::from_ref(effect), None, Weighing::Quick)?;
+    pub fn seated(
+        &self,
+        model: &Model,
+        effect: &Arc<dyn Effect>,
+        starts: usize,
+        of: f64,
+    ) -> Result<Judged> {
+        let screening = screen(
+            model,
+            &self.overview,
+            &self.searched,
+            &self.scoring,
+            std::slice::from_ref(effect),
+            None,
+            Weighing::Quick,
+        )?;
         let begun = |start: &[f64]| self.with(model, &[(effect.clone(), start.to_vec())]);
         let trials: Vec<Model> = match screening.scores.first() {
-            Some(score) => score.starts.iter().take(if effect.starts_combine() { 1 } else { starts }).map(|s| begun(s)).collect(),
+            Some(score) => score
+                .starts
+                .iter()
+                .take(if effect.starts_combine() { 1 } else { starts })
+                .map(|s| begun(s))
+                .collect(),
             None => vec![begun(&[])],
         };
-        let fitted = crate::parallel::map(&trials, |trial| self.quickly_within(trial, of, FAR_BEHIND));
-        let best = fitted.into_iter().min_by(|a, b| a.identify_rms_um.total_cmp(&b.identify_rms_um));
+        let fitted =
+            crate::parallel::map(&trials, |trial| self.quickly_within(trial, of, FAR_BEHIND));
+        let best = fitted
+            .into_iter()
+            .min_by(|a, b| a.identify_rms_um.total_cmp(&b.identify_rms_um));
         Ok(best.unwrap_or_else(|| self.quickly(&begun(&[]))))
     }
 
@@ -453,8 +637,16 @@ impl<'a> Study<'a> {
     /// As [`screen`].
     pub fn begun_again(&self, judged: &Judged) -> Result<Judged> {
         let mut best = judged.clone();
-        let several = |effect: &Arc<dyn Effect>| !effect.starts_combine() && effect.starts(&self.overview).len() > 1;
-        let again: Vec<Arc<dyn Effect>> = judged.model.effects.iter().map(|e| e.effect.clone()).filter(several).collect();
+        let several = |effect: &Arc<dyn Effect>| {
+            !effect.starts_combine() && effect.starts(&self.overview).len() > 1
+        };
+        let again: Vec<Arc<dyn Effect>> = judged
+            .model
+            .effects
+            .iter()
+            .map(|e| e.effect.clone())
+            .filter(several)
+            .collect();
         for effect in again.into_iter().take_while(|_| !self.watch.stopped()) {
             let id = effect.declaration().id;
             let builds_on = |e: &EffectInstance| {
@@ -465,7 +657,12 @@ impl<'a> Study<'a> {
                 continue;
             }
             self.watch.event(&WatchEvent::Fitting { effect: &id });
-            let seated = self.seated(&self.without(&best.model, &id), &effect, 1, self.merit(&best))?;
+            let seated = self.seated(
+                &self.without(&best.model, &id),
+                &effect,
+                1,
+                self.merit(&best),
+            )?;
             if self.merit(&seated) > self.merit(&best) + CANNOT_CATCH_UP {
                 continue;
             }
@@ -489,7 +686,9 @@ impl<'a> Study<'a> {
         let mut judged = self.one_after_the_other(&order)?;
         // An effect that was fitted before the others began again may stand in for what they lacked then, and
         // keeps them there: each in turn comes last, behind the others built without it.
-        let seated = |e: &&Arc<dyn Effect>| !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1;
+        let seated = |e: &&Arc<dyn Effect>| {
+            !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1
+        };
         let in_turn: Vec<Arc<dyn Effect>> = order.iter().rev().filter(seated).cloned().collect();
         if in_turn.len() > 1 {
             for last in &in_turn {
@@ -497,19 +696,30 @@ impl<'a> Study<'a> {
                     break;
                 }
                 let id = last.declaration().id;
-                let built_on = order.iter().any(|e| e.declaration().modifies == Some(id.as_str()));
+                let built_on = order
+                    .iter()
+                    .any(|e| e.declaration().modifies == Some(id.as_str()));
                 if built_on {
                     continue;
                 }
-                let others: Vec<Arc<dyn Effect>> = order.iter().filter(|e| e.declaration().id != id).cloned().collect();
+                let others: Vec<Arc<dyn Effect>> = order
+                    .iter()
+                    .filter(|e| e.declaration().id != id)
+                    .cloned()
+                    .collect();
                 let rest = self.one_after_the_other(&others)?;
-                let behind = self.for_comparison(&self.seated(&rest.model, last, 3, f64::INFINITY)?.model);
+                let behind =
+                    self.for_comparison(&self.seated(&rest.model, last, 3, f64::INFINITY)?.model);
                 if self.merit(&behind) < self.merit(&judged) {
                     judged = behind;
                 }
             }
         }
-        if self.watch.stopped() { Ok(self.judged(judged.model)) } else { Ok(self.thoroughly(&judged.model)) }
+        if self.watch.stopped() {
+            Ok(self.judged(judged.model))
+        } else {
+            Ok(self.thoroughly(&judged.model))
+        }
     }
 
     /// Effects fitted one after the other, in this order, then all together, and begun again where that
@@ -521,17 +731,21 @@ impl<'a> Study<'a> {
         }
         let mut several = 0;
         for effect in order {
-            self.watch.event(&WatchEvent::Fitting { effect: &effect.declaration().id });
+            self.watch.event(&WatchEvent::Fitting {
+                effect: &effect.declaration().id,
+            });
             let one_start = effect.starts_combine() || effect.starts(&self.overview).len() <= 1;
             let plain = one_start || model.effects.is_empty() || self.watch.stopped();
             model = if plain {
-                self.quickly(&self.with(&model, &[(effect.clone(), Vec::new())])).model
+                self.quickly(&self.with(&model, &[(effect.clone(), Vec::new())]))
+                    .model
             } else {
                 several += 1;
                 self.seated(&model, effect, 3, f64::INFINITY)?.model
             };
         }
-        self.watch.event(&WatchEvent::Doing("fitting all effects together"));
+        self.watch
+            .event(&WatchEvent::Doing("fitting all effects together"));
         let mut judged = self.for_comparison(&model);
         if !self.watch.stopped() && several > 0 && model.effects.len() > 2 && !self.met(&judged) {
             judged = self.begun_again(&judged)?;
@@ -543,20 +757,35 @@ impl<'a> Study<'a> {
     /// them.
     #[must_use]
     pub fn finer(&self, model: &Model) -> Vec<Model> {
-        let ways = [finer_hysteresis::refined(model, &self.overview, 1), finer_hysteresis::with_play_operators(model, &self.overview)];
+        let ways = [
+            finer_hysteresis::refined(model, &self.overview, 1),
+            finer_hysteresis::with_play_operators(model, &self.overview),
+        ];
         ways.into_iter().flatten().collect()
     }
 
     /// Finer descriptions of its play operators: more of them, or few at free thresholds.
     #[must_use]
     pub fn finer_plays(&self, model: &Model) -> Vec<Model> {
-        [finer_plays::denser(model, &self.overview), finer_plays::freed(model, &self.overview)].into_iter().flatten().collect()
+        [
+            finer_plays::denser(model, &self.overview),
+            finer_plays::freed(model, &self.overview),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// Finer descriptions of its creep: more terms, or free time constants.
     #[must_use]
     pub fn finer_creep(&self, model: &Model) -> Vec<Model> {
-        [finer_creep::denser(model, &self.overview), finer_creep::freed(model, &self.overview)].into_iter().flatten().collect()
+        [
+            finer_creep::denser(model, &self.overview),
+            finer_creep::freed(model, &self.overview),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// By how many steps a model is described more finely than its effects are declared.

@@ -36,13 +36,22 @@ pub fn list(ids: &[String], joint: &str) -> String {
     match ids {
         [] => String::new(),
         [one] => spoken(one),
-        [head @ .., last] => format!("{} {joint} {}", head.iter().map(|i| spoken(i)).collect::<Vec<_>>().join(", "), spoken(last)),
+        [head @ .., last] => format!(
+            "{} {joint} {}",
+            head.iter()
+                .map(|i| spoken(i))
+                .collect::<Vec<_>>()
+                .join(", "),
+            spoken(last)
+        ),
     }
 }
 
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str())
+    letters.next().map_or_else(String::new, |c| {
+        c.to_uppercase().collect::<String>() + letters.as_str()
+    })
 }
 
 /// A value with four figures.
@@ -52,36 +61,65 @@ pub fn figure(value: f64) -> String {
         return "0".into();
     }
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    if value.abs() >= 1e6 || value.abs() < 1e-4 { format!("{value:.3e}") } else { format!("{value:.digits$}") }
+    if value.abs() >= 1e6 || value.abs() < 1e-4 {
+        format!("{value:.3e}")
+    } else {
+        format!("{value:.digits$}")
+    }
 }
 
 /// What a step changed, and why.
 #[must_use]
 pub fn why_step(change: &ModelChange, before: Option<&Judged>, after: &Judged) -> String {
-    let fall = before.map_or_else(String::new, |b| match (b.validate_rms_um, after.validate_rms_um) {
-        (x, y) if nm(b.identify_rms_um) == nm(after.identify_rms_um) && x.map(nm) == y.map(nm) => "; no error falls".to_owned(),
-        (Some(x), Some(y)) if y > x && after.identify_rms_um < b.identify_rms_um => format!(
-            "; fitted error {} to {} nm, held-out error {} to {} nm",
-            nm(b.identify_rms_um),
-            nm(after.identify_rms_um),
-            nm(x),
-            nm(y)
-        ),
-        (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
-        _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
+    let fall = before.map_or_else(String::new, |b| {
+        match (b.validate_rms_um, after.validate_rms_um) {
+            (x, y)
+                if nm(b.identify_rms_um) == nm(after.identify_rms_um) && x.map(nm) == y.map(nm) =>
+            {
+                "; no error falls".to_owned()
+            }
+            (Some(x), Some(y)) if y > x && after.identify_rms_um < b.identify_rms_um => format!(
+                "; fitted error {} to {} nm, held-out error {} to {} nm",
+                nm(b.identify_rms_um),
+                nm(after.identify_rms_um),
+                nm(x),
+                nm(y)
+            ),
+            (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
+            _ => format!(
+                "; error {} to {} nm",
+                nm(b.identify_rms_um),
+                nm(after.identify_rms_um)
+            ),
+        }
     });
     match change {
         ModelChange::Start => "the model that was started from".into(),
         ModelChange::Added(id) => {
-            let physics = || after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
+            let physics = || {
+                after
+                    .model
+                    .effect(id)
+                    .map_or_else(String::new, |e| e.effect.declaration().physics)
+            };
             let physics = after.model.ruled_out_because(id).unwrap_or_else(physics);
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
-        ModelChange::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
-        ModelChange::FinerCreep(how) => format!("creep of {how}: the same effect, described better{fall}"),
-        ModelChange::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
+        ModelChange::AddedUnweighed(ids) => format!(
+            "{}: added until the search was stopped, and not weighed{fall}",
+            list(ids, "and")
+        ),
+        ModelChange::FinerCreep(how) => {
+            format!("creep of {how}: the same effect, described better{fall}")
+        }
+        ModelChange::FinerHysteresis(how) => {
+            format!("hysteresis {how}: the same effect, described better{fall}")
+        }
         ModelChange::FittedAgain => format!("all values fitted again, to this recording{fall}"),
-        ModelChange::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
+        ModelChange::Changed(id) => format!(
+            "{} has other values here, all others held{fall}",
+            spoken(id)
+        ),
     }
 }
 
@@ -92,7 +130,9 @@ pub fn why(standing: &Standing) -> &'static str {
         Standing::Named => "every simplest model that the data cannot reject has it",
         Standing::Alternative => "some of the simplest models that the data cannot reject have it",
         Standing::InTheReadings => "the readings show it, whatever the model",
-        Standing::LowersErrors => "lowers the errors, and the data do not reject a model without it",
+        Standing::LowersErrors => {
+            "lowers the errors, and the data do not reject a model without it"
+        }
         Standing::Excluded => "lowers the errors, and its own physics excludes the fitted values",
         Standing::Rejected => "fitted, and the data reject the model with it",
         Standing::NotInTheResidual => "a signature like it explains as much by chance",
@@ -106,7 +146,13 @@ pub fn changed(values: &[ChangedValue]) -> String {
     let named = |v: &ChangedValue| read_by_name(&v.effect, &v.parameter);
     let from_to = |v: &ChangedValue| {
         let (_, unit, factor) = named(v);
-        format!("from {} to {} {unit}", figure(factor * v.from), figure(factor * v.to)).trim_end().to_owned()
+        format!(
+            "from {} to {} {unit}",
+            figure(factor * v.from),
+            figure(factor * v.to)
+        )
+        .trim_end()
+        .to_owned()
     };
     let one = |v: &ChangedValue| {
         let (effect, name) = (spoken(&v.effect), named(v).0);
@@ -119,11 +165,24 @@ pub fn changed(values: &[ChangedValue]) -> String {
     // Of more than two values of an effect the one that has moved furthest stands for all.
     let of_effect = |group: &[ChangedValue]| match group {
         [_] | [_, _] => group.iter().map(one).collect::<Vec<_>>().join("; "),
-        _ => group.iter().max_by(|a, b| (a.to - a.from).abs().total_cmp(&(b.to - b.from).abs())).map_or_else(String::new, |furthest| {
-            format!("{} values of {}, {} most, {}", group.len(), spoken(&furthest.effect), named(furthest).0, from_to(furthest))
-        }),
+        _ => group
+            .iter()
+            .max_by(|a, b| (a.to - a.from).abs().total_cmp(&(b.to - b.from).abs()))
+            .map_or_else(String::new, |furthest| {
+                format!(
+                    "{} values of {}, {} most, {}",
+                    group.len(),
+                    spoken(&furthest.effect),
+                    named(furthest).0,
+                    from_to(furthest)
+                )
+            }),
     };
-    values.chunk_by(|a, b| a.effect == b.effect).map(of_effect).collect::<Vec<_>>().join("; ")
+    values
+        .chunk_by(|a, b| a.effect == b.effect)
+        .map(of_effect)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// That no drive within the limits of the data distinguishes an effect from another, for a reader.
@@ -150,17 +209,33 @@ fn delay_counts_from(dataset: &Dataset) -> String {
 /// What a finding says is missing: `delay or sensor bandwidth`.
 #[must_use]
 pub fn finding(of: &Finding) -> String {
-    let others = of.or_other_values_of.iter().map(|id| format!("other values of {}", spoken(id)));
-    let all: Vec<String> = of.effects.iter().map(|id| spoken(id)).chain(others).collect();
+    let others = of
+        .or_other_values_of
+        .iter()
+        .map(|id| format!("other values of {}", spoken(id)));
+    let all: Vec<String> = of
+        .effects
+        .iter()
+        .map(|id| spoken(id))
+        .chain(others)
+        .collect();
     list(&all, "or")
 }
 
 /// Several findings: with semicolons where one of them is an "or".
 fn joined(names: &[String]) -> String {
-    let joint = if names.iter().any(|n| n.contains(" or ")) { "; " } else { ", " };
+    let joint = if names.iter().any(|n| n.contains(" or ")) {
+        "; "
+    } else {
+        ", "
+    };
     match names {
         [head @ .., last] if !head.is_empty() => {
-            format!("{}{}and {last}", head.join(joint), if joint == "; " { "; " } else { " " })
+            format!(
+                "{}{}and {last}",
+                head.join(joint),
+                if joint == "; " { "; " } else { " " }
+            )
         }
         _ => names.concat(),
     }
@@ -168,7 +243,13 @@ fn joined(names: &[String]) -> String {
 
 /// The verdict in a sentence or a few.
 #[must_use]
-pub fn sentence(d: &Diagnosis, first: &Judged, last: &Judged, dataset: &Dataset, study: &Study) -> String {
+pub fn sentence(
+    d: &Diagnosis,
+    first: &Judged,
+    last: &Judged,
+    dataset: &Dataset,
+    study: &Study,
+) -> String {
     let said = Said::of(d, first, last, study);
     let delayed = dataset.timing_is_assumed && d.named.iter().any(|id| id == delay::ID);
     let parts = [
@@ -178,7 +259,11 @@ pub fn sentence(d: &Diagnosis, first: &Judged, last: &Judged, dataset: &Dataset,
         said.physics(),
         said.loops(),
         said.issues(dataset),
-        if delayed { delay_counts_from(dataset) } else { String::new() },
+        if delayed {
+            delay_counts_from(dataset)
+        } else {
+            String::new()
+        },
     ];
     parts.concat()
 }
@@ -204,7 +289,11 @@ impl<'a> Said<'a> {
         Self {
             diagnosis: d,
             noise_nm: floor_um.map(nm).unwrap_or_default(),
-            which: if first.validate_rms_um.is_some() { "held-out error" } else { "error" },
+            which: if first.validate_rms_um.is_some() {
+                "held-out error"
+            } else {
+                "error"
+            },
             before_um: first.error_um(),
             after_um: last.error_um(),
             explained: study.policy.explained,
@@ -226,7 +315,13 @@ impl<'a> Said<'a> {
     }
 
     fn headline(&self) -> String {
-        let (d, which, before, after, noise) = (self.diagnosis, self.which, nm(self.before_um), nm(self.after_um), self.noise());
+        let (d, which, before, after, noise) = (
+            self.diagnosis,
+            self.which,
+            nm(self.before_um),
+            nm(self.after_um),
+            self.noise(),
+        );
         match d.verdict {
             Verdict::AtFloor if !d.changed.is_empty() => format!(
                 "Nothing is missing that this data could show: the {which} falls from {before} to {after} nm with other values; {noise}."
@@ -235,9 +330,15 @@ impl<'a> Said<'a> {
                 "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the \
                  {which} from {before} to {after} nm; {noise}."
             ),
-            Verdict::AtFloor => format!("Nothing is missing that this data could show: the {which} is {after} nm, {noise}."),
-            Verdict::Named if d.findings.iter().all(|f| f.evidence == Evidence::Readings) => self.coarse_readings(),
-            Verdict::Named | Verdict::Ambiguous if d.findings.iter().all(|f| f.effects.is_empty()) => {
+            Verdict::AtFloor => format!(
+                "Nothing is missing that this data could show: the {which} is {after} nm, {noise}."
+            ),
+            Verdict::Named if d.findings.iter().all(|f| f.evidence == Evidence::Readings) => {
+                self.coarse_readings()
+            }
+            Verdict::Named | Verdict::Ambiguous
+                if d.findings.iter().all(|f| f.effects.is_empty()) =>
+            {
                 let names: Vec<String> = d.findings.iter().map(finding).collect();
                 format!(
                     "{} explain what changed: with them the {which} falls from {before} to {after} nm; {noise}.",
@@ -245,10 +346,18 @@ impl<'a> Said<'a> {
                 )
             }
             Verdict::Named | Verdict::Ambiguous => {
-                let names: Vec<String> = d.findings.iter().filter(|f| !f.effects.is_empty()).map(finding).collect();
+                let names: Vec<String> = d
+                    .findings
+                    .iter()
+                    .filter(|f| !f.effects.is_empty())
+                    .map(finding)
+                    .collect();
                 let plural = names.len() > 1;
-                let ambiguous =
-                    if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish them." } else { "" };
+                let ambiguous = if d.verdict == Verdict::Ambiguous {
+                    " Where it says \"or\", this data cannot distinguish them."
+                } else {
+                    ""
+                };
                 format!(
                     "{} {} missing: with {} the {which} falls from {before} to {after} nm; {noise}.{ambiguous}",
                     capital(&joined(&names)),
@@ -258,21 +367,33 @@ impl<'a> Said<'a> {
             }
             Verdict::Unexplained => {
                 let best = if self.fell() {
-                    format!("the best model found leaves {after} nm, but the simplest that the data cannot reject share no effect")
+                    format!(
+                        "the best model found leaves {after} nm, but the simplest that the data cannot reject share no effect"
+                    )
                 } else {
                     "no known effect lowers it beyond chance".into()
                 };
-                format!("Something is missing that the library does not have: the {which} is {before} nm, {noise}, and {best}.")
+                format!(
+                    "Something is missing that the library does not have: the {which} is {before} nm, {noise}, and {best}."
+                )
             }
             Verdict::Undecidable => self.undecidable(),
         }
     }
 
     fn undecidable(&self) -> String {
-        let (d, which, before, after, noise) = (self.diagnosis, self.which, nm(self.before_um), nm(self.after_um), self.noise());
+        let (d, which, before, after, noise) = (
+            self.diagnosis,
+            self.which,
+            nm(self.before_um),
+            nm(self.after_um),
+            self.noise(),
+        );
         match d.reason {
             Some(Reason::Stopped) => {
-                format!("Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}.")
+                format!(
+                    "Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}."
+                )
             }
             Some(Reason::OutOfTime) => {
                 format!(
@@ -290,7 +411,9 @@ impl<'a> Said<'a> {
                 } else {
                     format!("no effect lowers the {which} by more than chance")
                 };
-                format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {so_far}.")
+                format!(
+                    "Nothing in this data shows the noise, so nobody can say whether more is missing; {so_far}."
+                )
             }
             Some(_) => "Nothing can be decided.".into(),
         }
@@ -311,7 +434,11 @@ impl<'a> Said<'a> {
 
     fn other_values(&self) -> String {
         let values = &self.diagnosis.changed;
-        if values.is_empty() { String::new() } else { format!(" Other values in this recording: {}.", changed(values)) }
+        if values.is_empty() {
+            String::new()
+        } else {
+            format!(" Other values in this recording: {}.", changed(values))
+        }
     }
 
     /// What stays beside the names, or why nobody knows.
@@ -322,12 +449,22 @@ impl<'a> Said<'a> {
         }
         match (d.remainder.times_noise, d.reason) {
             (_, Some(Reason::BelowTheNoise)) => {
-                format!(" That is below the noise of {} nm that the {} shows: one of them is wrong.", self.noise_nm, d.floor_basis)
+                format!(
+                    " That is below the noise of {} nm that the {} shows: one of them is wrong.",
+                    self.noise_nm, d.floor_basis
+                )
             }
-            (_, Some(Reason::OutOfTime)) => " The time was over before the search was: more may be missing.".into(),
-            (None, Some(Reason::NoiseUnknown)) => " The noise is unknown, so nobody can say whether more is missing.".into(),
+            (_, Some(Reason::OutOfTime)) => {
+                " The time was over before the search was: more may be missing.".into()
+            }
+            (None, Some(Reason::NoiseUnknown)) => {
+                " The noise is unknown, so nobody can say whether more is missing.".into()
+            }
             (Some(times), _) if times > self.explained => {
-                format!(" {} nm stay unexplained, {times:.1} times the noise.", nm(d.remainder.rms_um))
+                format!(
+                    " {} nm stay unexplained, {times:.1} times the noise.",
+                    nm(d.remainder.rms_um)
+                )
             }
             _ => String::new(),
         }
@@ -337,16 +474,28 @@ impl<'a> Said<'a> {
     /// effect say instead of its name.
     fn physics(&self) -> String {
         let d = self.diagnosis;
-        let against = |id: &String| d.candidates.iter().find(|c| c.effect == *id).and_then(|c| c.unlikely_because.clone());
+        let against = |id: &String| {
+            d.candidates
+                .iter()
+                .find(|c| c.effect == *id)
+                .and_then(|c| c.unlikely_because.clone())
+        };
         let of = |f: &Finding| -> Option<String> {
             let (first, others) = f.effects.split_first()?;
             if let Some(reason) = against(first) {
                 return Some(format!(" {}: {reason}.", capital(&spoken(first))));
             }
             let (other, reason) = others.iter().find_map(|o| Some((o, against(o)?)))?;
-            Some(format!(" {} is likelier than {}: {reason}.", capital(&spoken(first)), spoken(other)))
+            Some(format!(
+                " {} is likelier than {}: {reason}.",
+                capital(&spoken(first)),
+                spoken(other)
+            ))
         };
-        let excluded = d.candidates.iter().filter(|c| c.standing == Standing::Excluded && c.unlikely_because.is_some());
+        let excluded = d
+            .candidates
+            .iter()
+            .filter(|c| c.standing == Standing::Excluded && c.unlikely_because.is_some());
         let none = excluded.map(|c| {
             format!(
                 " {} lowers the errors but is excluded: {}.",
@@ -358,21 +507,42 @@ impl<'a> Said<'a> {
     }
 
     fn loops(&self) -> String {
-        let Some((end, others)) = self.diagnosis.loops.split_first() else { return String::new() };
-        let as_well = if others.is_empty() { String::new() } else { format!("; loops {} meet this data as well", list(others, "or")) };
+        let Some((end, others)) = self.diagnosis.loops.split_first() else {
+            return String::new();
+        };
+        let as_well = if others.is_empty() {
+            String::new()
+        } else {
+            format!("; loops {} meet this data as well", list(others, "or"))
+        };
         format!(" The loops are {end}{as_well}.")
     }
 
     /// What the model shows about the recording, each kind once; what the readings show by themselves stands
     /// in the data set's own remarks.
     fn issues(&self, dataset: &Dataset) -> String {
-        let issues: Vec<&Issue> = self.diagnosis.issues.iter().filter(|issue| !dataset.issues.contains(issue)).collect();
+        let issues: Vec<&Issue> = self
+            .diagnosis
+            .issues
+            .iter()
+            .filter(|issue| !dataset.issues.contains(issue))
+            .collect();
         let kind = |issue: &Issue| std::mem::discriminant(&issue.kind);
-        let told = issues.iter().enumerate().filter(|(at, issue)| issues[..*at].iter().all(|before| kind(before) != kind(issue)));
+        let told = issues.iter().enumerate().filter(|(at, issue)| {
+            issues[..*at]
+                .iter()
+                .all(|before| kind(before) != kind(issue))
+        });
         let in_words = |(at, issue): (usize, &&Issue)| {
-            let others = issues[at + 1..].iter().filter(|other| kind(other) == kind(issue));
+            let others = issues[at + 1..]
+                .iter()
+                .filter(|other| kind(other) == kind(issue));
             let records: Vec<String> = others.filter_map(|other| other.record.clone()).collect();
-            let same = if records.is_empty() { String::new() } else { format!(" The same in {}.", records.join(", ")) };
+            let same = if records.is_empty() {
+                String::new()
+            } else {
+                format!(" The same in {}.", records.join(", "))
+            };
             format!(" {}.{same}", quality::words::sentence(issue))
         };
         told.map(in_words).collect()
@@ -412,10 +582,17 @@ mod tests {
             to,
         };
         let weights = [(1, 0.1, 0.11), (2, -0.85, -2.0), (3, 0.2, 0.1)];
-        let mut values: Vec<ChangedValue> =
-            weights.iter().map(|(k, from, to)| value("play_operators", &format!("weight_{k}_um"), *from, *to)).collect();
+        let mut values: Vec<ChangedValue> = weights
+            .iter()
+            .map(|(k, from, to)| value("play_operators", &format!("weight_{k}_um"), *from, *to))
+            .collect();
         values.push(value("delay", "delay_s", 1e-4, 2e-4));
         let said = changed(&values);
-        assert!(said.starts_with("3 values of play operators, weight 2 most, from -0.8500 to -2.000 um; delay "), "{said}");
+        assert!(
+            said.starts_with(
+                "3 values of play operators, weight 2 most, from -0.8500 to -2.000 um; delay "
+            ),
+            "{said}"
+        );
     }
 }

@@ -21,14 +21,34 @@ struct Written {
 }
 
 pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
-    let blocks: Vec<Written> = chain.blocks.iter().enumerate().map(|(i, placed)| written(i, placed)).collect();
-    let states = chain.blocks.iter().map(|placed| if let Block::Linear(l) = &placed.block { l.rest.len() } else { 0 }).max().unwrap_or(0);
+    let blocks: Vec<Written> = chain
+        .blocks
+        .iter()
+        .enumerate()
+        .map(|(i, placed)| written(i, placed))
+        .collect();
+    let states = chain
+        .blocks
+        .iter()
+        .map(|placed| {
+            if let Block::Linear(l) = &placed.block {
+                l.rest.len()
+            } else {
+                0
+            }
+        })
+        .max()
+        .unwrap_or(0);
     let mut out = String::from("/*\n");
     // Writing to a text cannot fail.
     for line in head(chain, model) {
         let _ = writeln!(out, " * {}", line.replace("*/", "* /"));
     }
-    let force = if chain.takes_force() { ", double force_n" } else { "" };
+    let force = if chain.takes_force() {
+        ", double force_n"
+    } else {
+        ""
+    };
     let _ = write!(
         out,
         " *\n * {name}_init puts the model at rest at a drive ({name}_DRIVE_MIN_V is the virgin state) and gives the reading at the first sample;\n \
@@ -41,17 +61,37 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
         number(chain.drive_min_v),
         number(chain.drive_max_v)
     );
-    let _ = writeln!(out, "#define H_PAIRS {PAIRS}\n#define H_STATES_MAX {}", states.max(1));
+    let _ = writeln!(
+        out,
+        "#define H_PAIRS {PAIRS}\n#define H_STATES_MAX {}",
+        states.max(1)
+    );
     out.push_str(&needed(BLOCKS, chain, "/*"));
     out.push('\n');
-    blocks.iter().for_each(|block| out.push_str(&block.constants));
+    blocks
+        .iter()
+        .for_each(|block| out.push_str(&block.constants));
     let fields: String = blocks.iter().map(|block| block.fields.as_str()).collect();
-    let _ = write!(out, "\ntypedef struct {{\n{}}} {name}_state;\n", if fields.is_empty() { "    char none;\n".into() } else { fields });
-    let _ = write!(out, "\ndouble {name}_init({name}_state *m, double drive_v{force})\n{{\n    double x = drive_v;\n    (void)m;\n");
+    let _ = write!(
+        out,
+        "\ntypedef struct {{\n{}}} {name}_state;\n",
+        if fields.is_empty() {
+            "    char none;\n".into()
+        } else {
+            fields
+        }
+    );
+    let _ = write!(
+        out,
+        "\ndouble {name}_init({name}_state *m, double drive_v{force})\n{{\n    double x = drive_v;\n    (void)m;\n"
+    );
     for (block, placed) in blocks.iter().zip(&chain.blocks) {
         let _ = writeln!(out, "    {} /* {} */", block.rest, placed.effect);
     }
-    let _ = write!(out, "    return x;\n}}\n\ndouble {name}_step({name}_state *m, double drive_v{force})\n{{\n");
+    let _ = write!(
+        out,
+        "    return x;\n}}\n\ndouble {name}_step({name}_state *m, double drive_v{force})\n{{\n"
+    );
     let n = chain.substeps;
     let _ = writeln!(out, "    double x = drive_v;\n    (void)m;");
     let mut fine = false;
@@ -61,8 +101,11 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     for (block, placed) in blocks.iter().zip(&chain.blocks) {
         if placed.fine != fine {
             fine = placed.fine;
-            let _ =
-                if fine { writeln!(out, "    for (int k = 0; k < {n}; k++) v[k] = x;") } else { writeln!(out, "    x = v[{}];", n - 1) };
+            let _ = if fine {
+                writeln!(out, "    for (int k = 0; k < {n}; k++) v[k] = x;")
+            } else {
+                writeln!(out, "    x = v[{}];", n - 1)
+            };
         }
         let _ = if fine {
             writeln!(
@@ -82,7 +125,15 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
 }
 
 fn row(values: &[f64]) -> String {
-    if values.is_empty() { "0.0".into() } else { values.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", ") }
+    if values.is_empty() {
+        "0.0".into()
+    } else {
+        values
+            .iter()
+            .map(|v| number(*v))
+            .collect::<Vec<_>>()
+            .join(", ")
+    }
 }
 
 fn array(name: &str, values: &[f64]) -> String {
@@ -90,46 +141,103 @@ fn array(name: &str, values: &[f64]) -> String {
 }
 
 fn table(name: &str, width: usize, rows: &[Vec<f64>]) -> String {
-    let rows: Vec<String> = if rows.is_empty() { vec![row(&vec![0.0; width])] } else { rows.iter().map(|r| row(r)).collect() };
-    format!("static const double {name}[][{width}] = {{ {} }};\n", rows.iter().map(|r| format!("{{ {r} }}")).collect::<Vec<_>>().join(", "))
+    let rows: Vec<String> = if rows.is_empty() {
+        vec![row(&vec![0.0; width])]
+    } else {
+        rows.iter().map(|r| row(r)).collect()
+    };
+    format!(
+        "static const double {name}[][{width}] = {{ {} }};\n",
+        rows.iter()
+            .map(|r| format!("{{ {r} }}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    )
 }
 
 fn written(i: usize, placed: &Placed) -> Written {
     let b = format!("b{i}");
     // A block without states does the same at rest.
-    let plain = |step: String| Written { rest: format!("x = {step};"), step, ..Written::default() };
+    let plain = |step: String| Written {
+        rest: format!("x = {step};"),
+        step,
+        ..Written::default()
+    };
     match &placed.block {
-        Block::Proportional { gain, offset } => plain(format!("{} * (x - {})", number(*gain), number(*offset))),
-        Block::Clamp { lower, upper } => plain(format!("fmax(fmin(x, {}), {})", number(*upper), number(*lower))),
-        Block::Bend { quadratic, cubic } => plain(format!("x * (1.0 + x * ({} + x * {}))", number(*quadratic), number(*cubic))),
-        Block::Round { step } if *step > 0.0 => plain(format!("round(x / {0}) * {0}", number(*step))),
+        Block::Proportional { gain, offset } => {
+            plain(format!("{} * (x - {})", number(*gain), number(*offset)))
+        }
+        Block::Clamp { lower, upper } => plain(format!(
+            "fmax(fmin(x, {}), {})",
+            number(*upper),
+            number(*lower)
+        )),
+        Block::Bend { quadratic, cubic } => plain(format!(
+            "x * (1.0 + x * ({} + x * {}))",
+            number(*quadratic),
+            number(*cubic)
+        )),
+        Block::Round { step } if *step > 0.0 => {
+            plain(format!("round(x / {0}) * {0}", number(*step)))
+        }
         Block::Round { .. } => plain("x".into()),
         Block::Force { compliance } => plain(format!("x + {} * force_n", number(*compliance))),
         Block::Gap { half } => Written {
             fields: format!("    double {b};\n"),
             rest: format!("m->{b} = x;"),
-            step: format!("(m->{b} = fmin(fmax(m->{b}, x - {0}), x + {0}))", number(*half)),
+            step: format!(
+                "(m->{b} = fmin(fmax(m->{b}, x - {0}), x + {0}))",
+                number(*half)
+            ),
             ..Written::default()
         },
         Block::Slope { most, gives_mean } => Written {
             fields: format!("    double {b};\n"),
             rest: format!("m->{b} = x;"),
-            step: format!("h_slope({}, {}, &m->{b}, x)", number(*most), i32::from(*gives_mean)),
+            step: format!(
+                "h_slope({}, {}, &m->{b}, x)",
+                number(*most),
+                i32::from(*gives_mean)
+            ),
             ..Written::default()
         },
         Block::Linear(l) => linear(&b, l),
         Block::Delay { whole, late_share } => Written {
             fields: format!("    double {b}[{}];\n    int {b}_at;\n", whole + 1),
             rest: format!("for (int k = 0; k <= {whole}; k++) m->{b}[k] = x;\n    m->{b}_at = 0;"),
-            step: format!("h_delay({whole}, {}, m->{b}, &m->{b}_at, x)", number(*late_share)),
+            step: format!(
+                "h_delay({whole}, {}, m->{b}, &m->{b}_at, x)",
+                number(*late_share)
+            ),
             ..Written::default()
         },
-        Block::Loops { g, r, plays, rate, lower, span } => {
+        Block::Loops {
+            g,
+            r,
+            plays,
+            rate,
+            lower,
+            span,
+        } => {
             let flat: Vec<f64> = g.iter().flatten().copied().collect();
-            let law = rate.as_ref().map(|l| vec![l.loop_linear, l.loop_quadratic, l.curve_linear, l.dt_s, l.substeps as f64]);
-            let constants =
-                [array(&format!("{b}_g"), &flat), array(&format!("{b}_r"), r), table(&format!("{b}_plays"), 2, &pairs(plays))].concat();
-            let rate = law.as_ref().map_or_else(|| "0".to_owned(), |_| format!("{b}_rate"));
+            let law = rate.as_ref().map(|l| {
+                vec![
+                    l.loop_linear,
+                    l.loop_quadratic,
+                    l.curve_linear,
+                    l.dt_s,
+                    l.substeps as f64,
+                ]
+            });
+            let constants = [
+                array(&format!("{b}_g"), &flat),
+                array(&format!("{b}_r"), r),
+                table(&format!("{b}_plays"), 2, &pairs(plays)),
+            ]
+            .concat();
+            let rate = law
+                .as_ref()
+                .map_or_else(|| "0".to_owned(), |_| format!("{b}_rate"));
             let values = format!(
                 "({}, {b}_g, {}, {b}_r, {}, {b}_plays, {rate}, {}, {}, &m->{b}, m->{b}_plays, x)",
                 g.len(),
@@ -139,13 +247,22 @@ fn written(i: usize, placed: &Placed) -> Written {
                 number(*span)
             );
             Written {
-                constants: constants + &law.map_or_else(String::new, |law| array(&format!("{b}_rate"), &law)),
-                fields: format!("    h_memory {b};\n    double {b}_plays[{}];\n", plays.len().max(1)),
+                constants: constants
+                    + &law.map_or_else(String::new, |law| array(&format!("{b}_rate"), &law)),
+                fields: format!(
+                    "    h_memory {b};\n    double {b}_plays[{}];\n",
+                    plays.len().max(1)
+                ),
                 rest: format!("x = h_loops_rest{values};"),
                 step: format!("h_loops{values}"),
             }
         }
-        Block::Plays { plays, zones, lower, span } => {
+        Block::Plays {
+            plays,
+            zones,
+            lower,
+            span,
+        } => {
             let step = format!(
                 "h_plays({}, {b}_plays, {}, {b}_zones, {}, {}, m->{b}, x)",
                 plays.len(),
@@ -154,13 +271,22 @@ fn written(i: usize, placed: &Placed) -> Written {
                 number(*span)
             );
             Written {
-                constants: table(&format!("{b}_plays"), 2, &pairs(plays)) + &table(&format!("{b}_zones"), 2, &pairs(zones)),
+                constants: table(&format!("{b}_plays"), 2, &pairs(plays))
+                    + &table(&format!("{b}_zones"), 2, &pairs(zones)),
                 fields: format!("    double {b}[{}];\n", plays.len().max(1)),
-                rest: format!("for (int k = 0; k < {}; k++) m->{b}[k] = 0.0;\n    x = {step};", plays.len()),
+                rest: format!(
+                    "for (int k = 0; k < {}; k++) m->{b}[k] = 0.0;\n    x = {step};",
+                    plays.len()
+                ),
                 step,
             }
         }
-        Block::Slip { gain, elements, lower, span } => {
+        Block::Slip {
+            gain,
+            elements,
+            lower,
+            span,
+        } => {
             let step = format!(
                 "h_slip({}, {}, {b}_elements, {}, {}, m->{b}, &m->{b}_last, x)",
                 number(*gain),
@@ -171,24 +297,53 @@ fn written(i: usize, placed: &Placed) -> Written {
             Written {
                 constants: table(&format!("{b}_elements"), 2, &pairs(elements)),
                 fields: format!("    double {b}[{}], {b}_last;\n", elements.len().max(1)),
-                rest: format!("for (int k = 0; k < {}; k++) m->{b}[k] = 0.0;\n    m->{b}_last = 0.0;\n    x = {step};", elements.len()),
+                rest: format!(
+                    "for (int k = 0; k < {}; k++) m->{b}[k] = 0.0;\n    m->{b}_last = 0.0;\n    x = {step};",
+                    elements.len()
+                ),
                 step,
             }
         }
-        Block::BoucWen { gain, alpha, beta, gamma, lower, span } => {
-            two_states(&b, "h_bouc_wen", &[*gain, *alpha, *beta, *gamma, *lower, *span])
-        }
-        Block::Duhem { approach, slope, elastic, lower, span } => two_states(&b, "h_duhem", &[*approach, *slope, *elastic, *lower, *span]),
+        Block::BoucWen {
+            gain,
+            alpha,
+            beta,
+            gamma,
+            lower,
+            span,
+        } => two_states(
+            &b,
+            "h_bouc_wen",
+            &[*gain, *alpha, *beta, *gamma, *lower, *span],
+        ),
+        Block::Duhem {
+            approach,
+            slope,
+            elastic,
+            lower,
+            span,
+        } => two_states(&b, "h_duhem", &[*approach, *slope, *elastic, *lower, *span]),
         Block::Drift { rate, slowing } => Written {
             fields: format!("    double {b};\n"),
             rest: format!("m->{b} = 0.0;"),
-            step: format!("h_drift({}, {}, &m->{b}, x)", number(*rate), number(*slowing)),
+            step: format!(
+                "h_drift({}, {}, &m->{b}, x)",
+                number(*rate),
+                number(*slowing)
+            ),
             ..Written::default()
         },
         Block::Lines(lines) => Written {
-            constants: table(&format!("{b}_lines"), 3, &lines.iter().map(|l| l.to_vec()).collect::<Vec<_>>()),
+            constants: table(
+                &format!("{b}_lines"),
+                3,
+                &lines.iter().map(|l| l.to_vec()).collect::<Vec<_>>(),
+            ),
             fields: format!("    double {b};\n"),
-            rest: format!("m->{b} = 0.0;\n    x += {};", number(lines.iter().map(|l| l[2]).sum())),
+            rest: format!(
+                "m->{b} = 0.0;\n    x += {};",
+                number(lines.iter().map(|l| l[2]).sum())
+            ),
             step: format!("h_lines({}, {b}_lines, &m->{b}, x)", lines.len()),
         },
     }
@@ -207,14 +362,24 @@ fn two_states(b: &str, function: &str, values: &[f64]) -> Written {
 fn linear(b: &str, l: &Linear) -> Written {
     let n = l.rest.len();
     let flat: Vec<f64> = l.phi.iter().flatten().copied().collect();
-    let constants = [("phi", &flat), ("start", &l.start), ("end", &l.end), ("out", &l.out), ("rest", &l.rest)]
-        .map(|(what, values)| array(&format!("{b}_{what}"), values))
-        .concat();
+    let constants = [
+        ("phi", &flat),
+        ("start", &l.start),
+        ("end", &l.end),
+        ("out", &l.out),
+        ("rest", &l.rest),
+    ]
+    .map(|(what, values)| array(&format!("{b}_{what}"), values))
+    .concat();
     let (before, through, offset) = (number(l.before), number(l.through), number(l.offset));
     Written {
         constants,
         fields: format!("    double {b}[{}], {b}_last;\n", n.max(1)),
-        rest: format!("x = h_linear_rest({n}, {b}_out, {before}, {through}, {b}_rest, {offset}, m->{b}, &m->{b}_last, x);"),
-        step: format!("h_linear({n}, {b}_phi, {b}_start, {b}_end, {b}_out, {before}, {through}, {offset}, m->{b}, &m->{b}_last, x)"),
+        rest: format!(
+            "x = h_linear_rest({n}, {b}_out, {before}, {through}, {b}_rest, {offset}, m->{b}, &m->{b}_last, x);"
+        ),
+        step: format!(
+            "h_linear({n}, {b}_phi, {b}_start, {b}_end, {b}_out, {before}, {through}, {offset}, m->{b}, &m->{b}_last, x)"
+        ),
     }
 }

@@ -27,11 +27,24 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     );
     for step in carried(chain) {
         let _ = match step {
-            Carry::Refine => writeln!(out, "  x = reshape(repmat(x', {}, 1), [], 1);", chain.substeps),
+            Carry::Refine => writeln!(
+                out,
+                "  x = reshape(repmat(x', {}, 1), [], 1);",
+                chain.substeps
+            ),
             Carry::Coarsen => writeln!(out, "  x = x({0}:{0}:end);", chain.substeps),
-            Carry::Block { effect, block, substeps } => {
+            Carry::Block {
+                effect,
+                block,
+                substeps,
+            } => {
                 let values: Vec<String> = arguments(block, substeps).iter().map(argument).collect();
-                writeln!(out, "  [x, rest] = h_{}(x, rest, {});  % {effect}", block.name(), values.join(", "))
+                writeln!(
+                    out,
+                    "  [x, rest] = h_{}(x, rest, {});  % {effect}",
+                    block.name(),
+                    values.join(", ")
+                )
             }
         };
     }
@@ -41,7 +54,11 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
 }
 
 fn joined(values: &[f64], by: &str) -> String {
-    values.iter().map(|v| number(*v)).collect::<Vec<_>>().join(by)
+    values
+        .iter()
+        .map(|v| number(*v))
+        .collect::<Vec<_>>()
+        .join(by)
 }
 
 fn argument(argument: &Argument) -> String {
@@ -51,7 +68,13 @@ fn argument(argument: &Argument) -> String {
         Argument::Count(value) => value.to_string(),
         Argument::Row(values) => format!("[{}]", joined(values, ", ")),
         Argument::Column(values) => format!("[{}]", joined(values, "; ")),
-        Argument::Rows(rows) => format!("[{}]", rows.iter().map(|r| joined(r, ", ")).collect::<Vec<_>>().join("; ")),
+        Argument::Rows(rows) => format!(
+            "[{}]",
+            rows.iter()
+                .map(|r| joined(r, ", "))
+                .collect::<Vec<_>>()
+                .join("; ")
+        ),
         Argument::Nothing => "[]".into(),
         Argument::Force => "force_n".into(),
     }

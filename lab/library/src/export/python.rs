@@ -8,7 +8,10 @@ use std::fmt::Write;
 const BLOCKS: &str = include_str!("blocks.py");
 
 pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
-    let mut out = format!("\"\"\"{}\"\"\"\n\nimport math\n\nimport numpy as np\n\n", head(chain, model).join("\n").replace('\\', "/"));
+    let mut out = format!(
+        "\"\"\"{}\"\"\"\n\nimport math\n\nimport numpy as np\n\n",
+        head(chain, model).join("\n").replace('\\', "/")
+    );
     // Writing to a text cannot fail.
     let _ = writeln!(
         out,
@@ -19,7 +22,11 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     );
     out.push_str(&needed(BLOCKS, chain, "#"));
     let force = if chain.takes_force() { "force_n, " } else { "" };
-    let force_doc = if chain.takes_force() { " under a measured force (N)" } else { "" };
+    let force_doc = if chain.takes_force() {
+        " under a measured force (N)"
+    } else {
+        ""
+    };
     let _ = write!(
         out,
         "\n\ndef {name}(drive_v, {force}settled=False):\n    \"\"\"Reading (um) at every sample of a drive (V){force_doc}.\n\n    A virgin actuator rests at DRIVE_MIN_V before the \
@@ -28,10 +35,21 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     for step in carried(chain) {
         let _ = match step {
             Carry::Refine => writeln!(out, "    x = np.repeat(x, {})", chain.substeps),
-            Carry::Coarsen => writeln!(out, "    x = x[{}::{}]", chain.substeps - 1, chain.substeps),
-            Carry::Block { effect, block, substeps } => {
+            Carry::Coarsen => {
+                writeln!(out, "    x = x[{}::{}]", chain.substeps - 1, chain.substeps)
+            }
+            Carry::Block {
+                effect,
+                block,
+                substeps,
+            } => {
                 let values: Vec<String> = arguments(block, substeps).iter().map(argument).collect();
-                writeln!(out, "    x, rest = _{}(x, rest, {})  # {effect}", block.name(), values.join(", "))
+                writeln!(
+                    out,
+                    "    x, rest = _{}(x, rest, {})  # {effect}",
+                    block.name(),
+                    values.join(", ")
+                )
             }
         };
     }
@@ -40,7 +58,14 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
 }
 
 fn row(values: &[f64]) -> String {
-    format!("[{}]", values.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", "))
+    format!(
+        "[{}]",
+        values
+            .iter()
+            .map(|v| number(*v))
+            .collect::<Vec<_>>()
+            .join(", ")
+    )
 }
 
 fn argument(argument: &Argument) -> String {
@@ -49,7 +74,10 @@ fn argument(argument: &Argument) -> String {
         Argument::Flag(value) => if *value { "True" } else { "False" }.into(),
         Argument::Count(value) => value.to_string(),
         Argument::Row(values) | Argument::Column(values) => row(values),
-        Argument::Rows(rows) => format!("[{}]", rows.iter().map(|r| row(r)).collect::<Vec<_>>().join(", ")),
+        Argument::Rows(rows) => format!(
+            "[{}]",
+            rows.iter().map(|r| row(r)).collect::<Vec<_>>().join(", ")
+        ),
         Argument::Nothing => "None".into(),
         Argument::Force => "np.asarray(force_n, dtype=float)".into(),
     }

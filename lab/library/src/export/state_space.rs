@@ -9,7 +9,8 @@ use crate::error::{Error, Result};
 use hysteron_sim::block::{Block, BlockChain};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{
-    Place, amplifier_bandwidth, by_id, creep, delay, gain, mass_change, second_mode, sensor_bandwidth, sensor_filter, vibration,
+    Place, amplifier_bandwidth, by_id, creep, delay, gain, mass_change, second_mode,
+    sensor_bandwidth, sensor_filter, vibration,
 };
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -18,45 +19,84 @@ use std::f64::consts::TAU;
 
 /// Effects whose equations are linear and know no signal but the drive.
 fn is_linear(id: &str) -> bool {
-    let others = [gain::ID, delay::ID, amplifier_bandwidth::ID, vibration::ID, second_mode::ID, mass_change::ID, creep::ID];
-    others.contains(&id) || [sensor_bandwidth::ID, sensor_filter::ID, "charge_leakage"].contains(&id)
+    let others = [
+        gain::ID,
+        delay::ID,
+        amplifier_bandwidth::ID,
+        vibration::ID,
+        second_mode::ID,
+        mass_change::ID,
+        creep::ID,
+    ];
+    others.contains(&id)
+        || [sensor_bandwidth::ID, sensor_filter::ID, "charge_leakage"].contains(&id)
 }
 
 /// The model with one gain in the place of its loops, and the effects that are left out.
 fn linear_part(model: &Model, gain_um_v: f64) -> (Model, Vec<String>) {
     let mut out = Model::new(model.drive_min_v, model.drive_max_v);
-    let overview = hysteron_sim::effect::Overview::without_data(model.drive_min_v, model.drive_max_v);
-    out.effects = model.effects.iter().filter(|e| is_linear(&e.id) && e.id != gain::ID).cloned().collect();
+    let overview =
+        hysteron_sim::effect::Overview::without_data(model.drive_min_v, model.drive_max_v);
+    out.effects = model
+        .effects
+        .iter()
+        .filter(|e| is_linear(&e.id) && e.id != gain::ID)
+        .cloned()
+        .collect();
     if let Some(effect) = by_id(gain::ID) {
         out.add(EffectInstance::new(effect, &overview, &[gain_um_v]));
     }
-    let in_its_place = |e: &&EffectInstance| e.effect.declaration().place != Place::Hysteresis && !is_linear(&e.id);
-    (out, model.effects.iter().filter(in_its_place).map(|e| e.id.clone()).collect())
+    let in_its_place = |e: &&EffectInstance| {
+        e.effect.declaration().place != Place::Hysteresis && !is_linear(&e.id)
+    };
+    (
+        out,
+        model
+            .effects
+            .iter()
+            .filter(in_its_place)
+            .map(|e| e.id.clone())
+            .collect(),
+    )
 }
 
 pub(super) fn text(model: &Model, sample_rate_hz: f64) -> Result<String> {
     let value = matrices(model, sample_rate_hz)?;
-    serde_json::to_string_pretty(&value).map(|text| text + "\n").map_err(|e| Error::new("export", e))
+    serde_json::to_string_pretty(&value)
+        .map(|text| text + "\n")
+        .map_err(|e| Error::new("export", e))
 }
 
 fn matrices(model: &Model, sample_rate_hz: f64) -> Result<Value> {
-    let loops =
-        loop_figures(model).ok_or_else(|| Error::new("export", "the model has neither a gain nor a hysteresis; expected one of them"))?;
+    let loops = loop_figures(model).ok_or_else(|| {
+        Error::new(
+            "export",
+            "the model has neither a gain nor a hysteresis; expected one of them",
+        )
+    })?;
     let (linear, left_out) = linear_part(model, loops.gain_um_v);
     let of = |linear: &Model| -> Result<(Value, Value)> {
-        let chain = BlockChain::of(linear, 1.0 / sample_rate_hz).map_err(|effect| super::cannot(linear, &effect))?;
+        let chain = BlockChain::of(linear, 1.0 / sample_rate_hz)
+            .map_err(|effect| super::cannot(linear, &effect))?;
         Ok((sampled(&chain), written(&continuous(linear))))
     };
     let (discrete, in_time) = of(&linear)?;
     let mut uncertainty = Vec::new();
     for (e, instance) in linear.effects.iter().enumerate() {
         for (p, value) in instance.parameters.iter().enumerate() {
-            let std = if instance.id == gain::ID { model.effect(gain::ID).and_then(|g| g.parameters[0].std) } else { value.std };
-            let Some(std) = std.filter(|std| *std > 0.0) else { continue };
+            let std = if instance.id == gain::ID {
+                model.effect(gain::ID).and_then(|g| g.parameters[0].std)
+            } else {
+                value.std
+            };
+            let Some(std) = std.filter(|std| *std > 0.0) else {
+                continue;
+            };
             let moved = |by: f64| {
                 let mut moved = linear.clone();
                 let changed = &mut moved.effects[e].parameters[p];
-                changed.value = (changed.value + by).clamp(changed.parameter.lower, changed.parameter.upper);
+                changed.value =
+                    (changed.value + by).clamp(changed.parameter.lower, changed.parameter.upper);
                 moved
             };
             let (plus, minus) = (of(&moved(std))?, of(&moved(-std))?);
@@ -100,7 +140,12 @@ impl Period<'_> {
 
     /// All states, the last reading among them.
     fn count(&self) -> usize {
-        self.chain.blocks.iter().map(|placed| Self::states(&placed.block)).sum::<usize>() + 1
+        self.chain
+            .blocks
+            .iter()
+            .map(|placed| Self::states(&placed.block))
+            .sum::<usize>()
+            + 1
     }
 
     /// One period with the input held: the states after it, the last of which is the reading.
@@ -114,7 +159,9 @@ impl Period<'_> {
             }
             let n = Self::states(&placed.block);
             let own = &mut states[at..at + n];
-            values.iter_mut().for_each(|x| *x = Self::step(&placed.block, own, *x));
+            values
+                .iter_mut()
+                .for_each(|x| *x = Self::step(&placed.block, own, *x));
             at += n;
         }
         states[at] = values[values.len() - 1];
@@ -127,9 +174,19 @@ impl Period<'_> {
             Block::Linear(l) => {
                 let n = l.rest.len();
                 let last = states[n];
-                let y = l.out.iter().zip(&*states).map(|(c, s)| c * s).sum::<f64>() + l.before * last + l.through * x;
+                let y = l.out.iter().zip(&*states).map(|(c, s)| c * s).sum::<f64>()
+                    + l.before * last
+                    + l.through * x;
                 let next: Vec<f64> = (0..n)
-                    .map(|i| l.phi[i].iter().zip(&*states).map(|(p, s)| p * s).sum::<f64>() + l.start[i] * last + l.end[i] * x)
+                    .map(|i| {
+                        l.phi[i]
+                            .iter()
+                            .zip(&*states)
+                            .map(|(p, s)| p * s)
+                            .sum::<f64>()
+                            + l.start[i] * last
+                            + l.end[i] * x
+                    })
                     .collect();
                 states[..n].copy_from_slice(&next);
                 states[n] = x;
@@ -153,8 +210,14 @@ fn sampled(chain: &BlockChain) -> Value {
     let n = period.count();
     let unit = |i: usize| -> Vec<f64> { (0..n).map(|j| f64::from(i == j)).collect() };
     let columns: Vec<Vec<f64>> = (0..n).map(|i| period.after(unit(i), 0.0)).collect();
-    let a: Vec<Vec<f64>> = (0..n).map(|i| columns.iter().map(|column| column[i]).collect()).collect();
-    let b: Vec<Vec<f64>> = period.after(vec![0.0; n], 1.0).into_iter().map(|value| vec![value]).collect();
+    let a: Vec<Vec<f64>> = (0..n)
+        .map(|i| columns.iter().map(|column| column[i]).collect())
+        .collect();
+    let b: Vec<Vec<f64>> = period
+        .after(vec![0.0; n], 1.0)
+        .into_iter()
+        .map(|value| vec![value])
+        .collect();
     json!({ "A": a, "B": b, "C": [unit(n - 1)], "D": [[0.0]] })
 }
 
@@ -171,16 +234,21 @@ fn continuous(model: &Model) -> ContinuousSystem {
         out = series(&out, &beside(&[(-v[0], first_order(1.0 / v[1]))], 1.0));
     }
     let share = value(second_mode::ID).map_or(0.0, |v| v[0]);
-    let first = value(vibration::ID).map(|v| (1.0 - share, second_order(v[0] * factor, v[1] * factor)));
-    let second = value(second_mode::ID).map(|v| (share, second_order(v[1] * factor, v[2] * factor)));
+    let first =
+        value(vibration::ID).map(|v| (1.0 - share, second_order(v[0] * factor, v[1] * factor)));
+    let second =
+        value(second_mode::ID).map(|v| (share, second_order(v[1] * factor, v[2] * factor)));
     let through = if first.is_none() { 1.0 - share } else { 0.0 };
     let modes: Vec<(f64, ContinuousSystem)> = first.into_iter().chain(second).collect();
     if !modes.is_empty() {
         out = series(&out, &beside(&modes, through));
     }
     if let Some(v) = value(creep::ID) {
-        let terms: Vec<(f64, ContinuousSystem)> =
-            v.chunks_exact(2).filter(|pair| pair[0] != 0.0).map(|pair| (pair[0], first_order(1.0 / pair[1]))).collect();
+        let terms: Vec<(f64, ContinuousSystem)> = v
+            .chunks_exact(2)
+            .filter(|pair| pair[0] != 0.0)
+            .map(|pair| (pair[0], first_order(1.0 / pair[1])))
+            .collect();
         out = series(&out, &beside(&terms, 1.0));
     }
     if let Some(v) = value(sensor_bandwidth::ID) {
@@ -193,12 +261,22 @@ fn continuous(model: &Model) -> ContinuousSystem {
 }
 
 fn constant(d: f64) -> ContinuousSystem {
-    ContinuousSystem { a: DMatrix::zeros(0, 0), b: DVector::zeros(0), c: DVector::zeros(0), d }
+    ContinuousSystem {
+        a: DMatrix::zeros(0, 0),
+        b: DVector::zeros(0),
+        c: DVector::zeros(0),
+        d,
+    }
 }
 
 fn first_order(rate: f64) -> ContinuousSystem {
     let one = |value: f64| DVector::from_element(1, value);
-    ContinuousSystem { a: DMatrix::from_element(1, 1, -rate), b: one(rate), c: one(1.0), d: 0.0 }
+    ContinuousSystem {
+        a: DMatrix::from_element(1, 1, -rate),
+        b: one(rate),
+        c: one(1.0),
+        d: 0.0,
+    }
 }
 
 /// Displacement, and velocity over the natural frequency.
@@ -217,9 +295,17 @@ fn series(first: &ContinuousSystem, then: &ContinuousSystem) -> ContinuousSystem
     let mut a = DMatrix::zeros(n + m, n + m);
     a.view_mut((0, 0), (n, n)).copy_from(&first.a);
     a.view_mut((n, n), (m, m)).copy_from(&then.a);
-    a.view_mut((n, 0), (m, n)).copy_from(&(&then.b * first.c.transpose()));
-    let stacked = |top: &DVector<f64>, bottom: DVector<f64>| DVector::from_iterator(n + m, top.iter().chain(bottom.iter()).copied());
-    ContinuousSystem { a, b: stacked(&first.b, &then.b * first.d), c: stacked(&(&first.c * then.d), then.c.clone()), d: first.d * then.d }
+    a.view_mut((n, 0), (m, n))
+        .copy_from(&(&then.b * first.c.transpose()));
+    let stacked = |top: &DVector<f64>, bottom: DVector<f64>| {
+        DVector::from_iterator(n + m, top.iter().chain(bottom.iter()).copied())
+    };
+    ContinuousSystem {
+        a,
+        b: stacked(&first.b, &then.b * first.d),
+        c: stacked(&(&first.c * then.d), then.c.clone()),
+        d: first.d * then.d,
+    }
 }
 
 /// Systems with one input whose outputs add with these weights, and `through` of the input beside.
@@ -229,14 +315,23 @@ fn beside(parts: &[(f64, ContinuousSystem)], through: f64) -> ContinuousSystem {
         let mut a = DMatrix::zeros(n + m, n + m);
         a.view_mut((0, 0), (n, n)).copy_from(&sum.a);
         a.view_mut((n, n), (m, m)).copy_from(&part.a);
-        let stacked = |top: &DVector<f64>, bottom: DVector<f64>| DVector::from_iterator(n + m, top.iter().chain(bottom.iter()).copied());
-        ContinuousSystem { a, b: stacked(&sum.b, part.b.clone()), c: stacked(&sum.c, &part.c * *weight), d: sum.d + weight * part.d }
+        let stacked = |top: &DVector<f64>, bottom: DVector<f64>| {
+            DVector::from_iterator(n + m, top.iter().chain(bottom.iter()).copied())
+        };
+        ContinuousSystem {
+            a,
+            b: stacked(&sum.b, part.b.clone()),
+            c: stacked(&sum.c, &part.c * *weight),
+            d: sum.d + weight * part.d,
+        }
     })
 }
 
 fn written(system: &ContinuousSystem) -> Value {
     let n = system.b.len();
-    let a: Vec<Vec<f64>> = (0..n).map(|i| system.a.row(i).iter().copied().collect()).collect();
+    let a: Vec<Vec<f64>> = (0..n)
+        .map(|i| system.a.row(i).iter().copied().collect())
+        .collect();
     let b: Vec<Vec<f64>> = system.b.iter().map(|v| vec![*v]).collect();
     json!({ "A": a, "B": b, "C": [system.c.as_slice()], "D": [[system.d]] })
 }

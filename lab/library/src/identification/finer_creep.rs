@@ -34,10 +34,19 @@ const STEPS_OF_FREE: usize = 2;
 pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     let creep = model.effect(creep::ID).filter(|creep| !is_free(creep))?;
     let terms = terms(creep);
-    let between = terms.windows(2).map(|w| [w[0], (0.0, (w[0].1 * w[1].1).sqrt())]);
-    let slower = terms.last_chunk().map(|[before, last]| (0.0, last.1 * (last.1 / before.1).sqrt()));
-    let denser: Vec<(f64, f64)> = between.flatten().chain(terms.last().copied()).chain(slower).collect();
-    (denser.len() > terms.len() && denser.len() <= TERMS_MAX).then(|| with_terms(model, overview, &denser, true))
+    let between = terms
+        .windows(2)
+        .map(|w| [w[0], (0.0, (w[0].1 * w[1].1).sqrt())]);
+    let slower = terms
+        .last_chunk()
+        .map(|[before, last]| (0.0, last.1 * (last.1 / before.1).sqrt()));
+    let denser: Vec<(f64, f64)> = between
+        .flatten()
+        .chain(terms.last().copied())
+        .chain(slower)
+        .collect();
+    (denser.len() > terms.len() && denser.len() <= TERMS_MAX)
+        .then(|| with_terms(model, overview, &denser, true))
 }
 
 /// The model with the time constants of its creep free, without terms that have no share; nothing where it
@@ -47,35 +56,55 @@ pub fn freed(model: &Model, overview: &Overview) -> Option<Model> {
     let creep = model.effect(creep::ID).filter(|creep| !is_free(creep))?;
     let terms = terms(creep);
     let all: f64 = terms.iter().map(|(share, _)| share.abs()).sum();
-    let kept: Vec<(f64, f64)> = terms.iter().copied().filter(|(share, _)| share.abs() > SHARE_MIN * all).collect();
-    (!kept.is_empty() && terms.len() <= FREE_TERMS_MAX).then(|| with_terms(model, overview, &kept, false))
+    let kept: Vec<(f64, f64)> = terms
+        .iter()
+        .copied()
+        .filter(|(share, _)| share.abs() > SHARE_MIN * all)
+        .collect();
+    (!kept.is_empty() && terms.len() <= FREE_TERMS_MAX)
+        .then(|| with_terms(model, overview, &kept, false))
 }
 
 /// By how many steps creep is described more finely than it is declared.
 #[must_use]
 pub fn steps_finer(model: &Model) -> usize {
-    let Some(creep) = model.effect(creep::ID) else { return 0 };
+    let Some(creep) = model.effect(creep::ID) else {
+        return 0;
+    };
     if is_free(creep) {
         return STEPS_OF_FREE;
     }
     let intervals = |terms: usize| terms.saturating_sub(1).max(1);
-    (intervals(creep.parameters.len() / 2) / intervals(Creep::default().terms)).max(1).ilog2() as usize
+    (intervals(creep.parameters.len() / 2) / intervals(Creep::default().terms))
+        .max(1)
+        .ilog2() as usize
 }
 
 /// How the creep of a model is described, in words; nothing where it has none.
 #[must_use]
 pub fn description(model: &Model) -> Option<String> {
     let creep = model.effect(creep::ID)?;
-    let how = if is_free(creep) { "free time constants" } else { "time constants on a grid" };
+    let how = if is_free(creep) {
+        "free time constants"
+    } else {
+        "time constants on a grid"
+    };
     Some(format!("{} terms with {how}", creep.parameters.len() / 2))
 }
 
 fn is_free(creep: &EffectInstance) -> bool {
-    creep.parameters.chunks_exact(2).any(|pair| !pair[1].parameter.fixed)
+    creep
+        .parameters
+        .chunks_exact(2)
+        .any(|pair| !pair[1].parameter.fixed)
 }
 
 fn terms(creep: &EffectInstance) -> Vec<(f64, f64)> {
-    creep.parameters.chunks_exact(2).map(|pair| (pair[0].value, pair[1].value)).collect()
+    creep
+        .parameters
+        .chunks_exact(2)
+        .map(|pair| (pair[0].value, pair[1].value))
+        .collect()
 }
 
 fn with_terms(model: &Model, overview: &Overview, terms: &[(f64, f64)], fixed: bool) -> Model {
@@ -98,13 +127,20 @@ mod tests {
     use hysteron_sim::effect::gain::Gain;
 
     fn overview() -> Overview {
-        Overview { duration_s: 40.0, ..Overview::without_data(0.0, 80.0) }
+        Overview {
+            duration_s: 40.0,
+            ..Overview::without_data(0.0, 80.0)
+        }
     }
 
     fn model() -> Model {
         let mut out = Model::new(0.0, 80.0);
         out.add(EffectInstance::new(Arc::new(Gain), &overview(), &[]));
-        out.add(EffectInstance::new(Arc::new(Creep::default()), &overview(), &[0.02, 0.02, 0.0, 0.2, 0.01, 2.0, 0.0, 20.0]));
+        out.add(EffectInstance::new(
+            Arc::new(Creep::default()),
+            &overview(),
+            &[0.02, 0.02, 0.0, 0.2, 0.01, 2.0, 0.0, 20.0],
+        ));
         out
     }
 
@@ -117,7 +153,10 @@ mod tests {
             assert_eq!(values(&once)[2 * i], *term);
         }
         let step = 10.0_f64.sqrt();
-        assert!((values(&once)[1].1 / (0.02 * step) - 1.0).abs() < 1e-12 && (values(&once)[7].1 / (20.0 * step) - 1.0).abs() < 1e-12);
+        assert!(
+            (values(&once)[1].1 / (0.02 * step) - 1.0).abs() < 1e-12
+                && (values(&once)[7].1 / (20.0 * step) - 1.0).abs() < 1e-12
+        );
         let twice = denser(&once, &overview()).unwrap();
         assert!(denser(&twice, &overview()).is_none());
         assert_eq!([&coarse, &once, &twice].map(steps_finer), [0, 1, 2]);
@@ -129,7 +168,10 @@ mod tests {
         let creep = freed_model.effect(creep::ID).unwrap();
         assert_eq!(terms(creep), [(0.02, 0.02), (0.01, 2.0)]);
         assert!(is_free(creep) && steps_finer(&freed_model) == STEPS_OF_FREE);
-        assert!(freed(&freed_model, &overview()).is_none() && denser(&freed_model, &overview()).is_none());
+        assert!(
+            freed(&freed_model, &overview()).is_none()
+                && denser(&freed_model, &overview()).is_none()
+        );
         assert_ne!(description(&model()), description(&freed_model));
     }
 }

@@ -27,10 +27,20 @@ pub fn refined(model: &Model, overview: &Overview, by: usize) -> Option<Model> {
     // Coefficients are ordered by total degree, so the old ones come first.
     let mut values = loops;
     values.resize(degree * (degree + 1) / 2, 0.0);
-    out.add(EffectInstance::new(Arc::new(Hysteresis { degree }), overview, &values));
+    out.add(EffectInstance::new(
+        Arc::new(Hysteresis { degree }),
+        overview,
+        &values,
+    ));
     if let Some(mut remnant) = model.values(initial_curve::ID) {
         remnant.resize(degree.max(remnant.len()), 0.0);
-        out.add(EffectInstance::new(Arc::new(InitialCurve { terms: remnant.len() }), overview, &remnant));
+        out.add(EffectInstance::new(
+            Arc::new(InitialCurve {
+                terms: remnant.len(),
+            }),
+            overview,
+            &remnant,
+        ));
     }
     Some(out)
 }
@@ -42,7 +52,11 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
         return None;
     }
     let mut out = model.clone();
-    out.add(EffectInstance::new(Arc::new(PlayOperatorsBeside::default()), overview, &[]));
+    out.add(EffectInstance::new(
+        Arc::new(PlayOperatorsBeside::default()),
+        overview,
+        &[],
+    ));
     Some(out)
 }
 
@@ -51,13 +65,18 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
 #[must_use]
 pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
     let surfaces = || {
-        let plain = with_loops(model, EffectInstance::new(Arc::new(Hysteresis::default()), overview, &[]));
+        let plain = with_loops(
+            model,
+            EffectInstance::new(Arc::new(Hysteresis::default()), overview, &[]),
+        );
         with_play_operators(&plain, overview)
     };
     let has_others = model.effect(hysteresis::ID).is_none() && model.effect(gain::ID).is_none();
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
-        e.is_tried_for_loops() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str()) && model.effect(&d.id).is_none()
+        e.is_tried_for_loops()
+            && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
+            && model.effect(&d.id).is_none()
     });
     let others = others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[])));
     others.chain(has_others.then(surfaces).flatten()).collect()
@@ -66,7 +85,8 @@ pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
 /// The model with these loops in the place of its own and of what builds on them.
 fn with_loops(model: &Model, loops: EffectInstance) -> Model {
     let mut out = model.clone();
-    out.effects.retain(|e| e.effect.declaration().place != Place::Hysteresis);
+    out.effects
+        .retain(|e| e.effect.declaration().place != Place::Hysteresis);
     out.add(loops);
     out
 }
@@ -74,7 +94,10 @@ fn with_loops(model: &Model, loops: EffectInstance) -> Model {
 /// The effect that a chain has for its hysteresis, or in place of it.
 #[must_use]
 pub fn main_effect(model: &Model) -> Option<&EffectInstance> {
-    model.effects.iter().find(|e| e.effect.declaration().is_main())
+    model
+        .effects
+        .iter()
+        .find(|e| e.effect.declaration().is_main())
 }
 
 /// A model with the loops of another, where those are of another structure.
@@ -87,15 +110,22 @@ pub fn with_the_structure_of(model: &Model, other: &Model) -> Option<Model> {
 /// How the loops of a model are described, in words.
 #[must_use]
 pub fn description(model: &Model) -> String {
-    let plays = finer_plays::description(model).map_or_else(String::new, |plays| format!(" with {plays} beside"));
+    let plays = finer_plays::description(model)
+        .map_or_else(String::new, |plays| format!(" with {plays} beside"));
     let main = || main_effect(model).map_or_else(String::new, |e| e.id.replace('_', " "));
-    degree(model).map_or_else(|| format!("of the form {}", main()), |degree| format!("surfaces of degree {degree}{plays}"))
+    degree(model).map_or_else(
+        || format!("of the form {}", main()),
+        |degree| format!("surfaces of degree {degree}{plays}"),
+    )
 }
 
 /// By how many steps the loops are described more finely than by surfaces of the lowest degree.
 #[must_use]
 pub fn steps_finer(model: &Model) -> usize {
-    let plays = model.effect(hysteresis::ID).and(model.effect(play_operators::ID)).map_or(0, |_| 1 + finer_plays::steps_finer(model));
+    let plays = model
+        .effect(hysteresis::ID)
+        .and(model.effect(play_operators::ID))
+        .map_or(0, |_| 1 + finer_plays::steps_finer(model));
     degree(model).unwrap_or(0) + plays
 }
 
@@ -112,13 +142,23 @@ mod tests {
 
     fn overview() -> Overview {
         let drive: Vec<f64> = (0..400).map(|k| f64::from(k % 100)).collect();
-        let record = crate::dataset::Record::new("r", 1000.0, drive.clone(), drive.iter().map(|u| 0.1 * u).collect());
-        crate::dataset::Dataset::new("d", 0.0, 100.0, vec![record]).unwrap().overview()
+        let record = crate::dataset::Record::new(
+            "r",
+            1000.0,
+            drive.clone(),
+            drive.iter().map(|u| 0.1 * u).collect(),
+        );
+        crate::dataset::Dataset::new("d", 0.0, 100.0, vec![record])
+            .unwrap()
+            .overview()
     }
 
     fn model(effects: &str) -> Model {
         let mut out = Model::new(0.0, 100.0);
-        effects_named(effects).unwrap().into_iter().for_each(|e| out.add(EffectInstance::new(e, &overview(), &[])));
+        effects_named(effects)
+            .unwrap()
+            .into_iter()
+            .for_each(|e| out.add(EffectInstance::new(e, &overview(), &[])));
         out
     }
 
@@ -128,17 +168,33 @@ mod tests {
         let others = of_other_structures(&surfaces, &overview());
         assert!(others.len() >= 4, "{}", others.len());
         for other in &others {
-            let main: Vec<&EffectInstance> = other.effects.iter().filter(|e| e.effect.declaration().place == Place::Hysteresis).collect();
+            let main: Vec<&EffectInstance> = other
+                .effects
+                .iter()
+                .filter(|e| e.effect.declaration().place == Place::Hysteresis)
+                .collect();
             assert_eq!(main.len(), 1, "{:?}", other.effect_ids());
             assert!(other.effect("vibration").is_some() && other.effect("creep").is_some());
             assert_ne!(description(other), description(&surfaces));
-            assert_eq!(with_the_structure_of(&surfaces, other).unwrap().effect_ids(), other.effect_ids());
+            assert_eq!(
+                with_the_structure_of(&surfaces, other)
+                    .unwrap()
+                    .effect_ids(),
+                other.effect_ids()
+            );
         }
-        assert_eq!(of_other_structures(&model("gain,creep"), &overview()).len(), others.len());
+        assert_eq!(
+            of_other_structures(&model("gain,creep"), &overview()).len(),
+            others.len()
+        );
         // Without its own, and with surfaces and play operators.
         let of_another = of_other_structures(&others[0], &overview());
         assert_eq!(of_another.len(), others.len());
-        assert!(of_another.iter().any(|m| m.effect("hysteresis").is_some() && m.effect("play_operators").is_some()));
+        assert!(
+            of_another
+                .iter()
+                .any(|m| m.effect("hysteresis").is_some() && m.effect("play_operators").is_some())
+        );
         assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
     }
 }

@@ -13,8 +13,9 @@
 //!   cases where those did not.
 
 use super::linearisation::{
-    LinearCoefficients, Linearised, ParameterIndex, Rows, along_residual, free_parameters, left_in_window, linearise, linearise_reusing,
-    residual_at, residual_near, squares_of_derivatives,
+    LinearCoefficients, Linearised, ParameterIndex, Rows, along_residual, free_parameters,
+    left_in_window, linearise, linearise_reusing, residual_at, residual_near,
+    squares_of_derivatives,
 };
 use super::nuisance_terms::Samples;
 use crate::dataset::{Dataset, Record};
@@ -36,7 +37,12 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
             lanes[i] += x[i] * y[i];
         }
     }
-    let tail: f64 = chunks_a.remainder().iter().zip(chunks_b.remainder()).map(|(x, y)| x * y).sum();
+    let tail: f64 = chunks_a
+        .remainder()
+        .iter()
+        .zip(chunks_b.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
     lanes[0] + lanes[1] + lanes[2] + lanes[3] + tail
 }
 
@@ -51,13 +57,19 @@ pub fn residual(model: &Model, record: &Record) -> Vec<f64> {
 /// The same at the samples whose readings say something: what every figure of an error is computed from.
 #[must_use]
 pub fn counted_residual(model: &Model, record: &Record) -> Vec<f64> {
-    residual_at(model, record, &Samples::counted(record)).as_slice().to_vec()
+    residual_at(model, record, &Samples::counted(record))
+        .as_slice()
+        .to_vec()
 }
 
 /// Root mean square of a slice.
 #[must_use]
 pub fn rms(values: &[f64]) -> f64 {
-    if values.is_empty() { 0.0 } else { (dot(values, values) / values.len() as f64).sqrt() }
+    if values.is_empty() {
+        0.0
+    } else {
+        (dot(values, values) / values.len() as f64).sqrt()
+    }
 }
 
 /// Root mean square over the records with the given indices, all samples weighing the same.
@@ -67,8 +79,14 @@ pub fn rms_over(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
         let r = counted_residual(model, &dataset.records[i]);
         (dot(&r, &r), r.len())
     });
-    let (sum, count) = parts.iter().fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
-    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+    let (sum, count) = parts
+        .iter()
+        .fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
+    if count == 0 {
+        0.0
+    } else {
+        (sum / count as f64).sqrt()
+    }
 }
 
 /// How far the parameters that are no linear coefficients moved between two models, in coordinates that
@@ -111,7 +129,12 @@ pub struct Effort {
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { iterations: 30, tolerance: 0.05, relative: 1e-6, looks_again: true }
+        Self {
+            iterations: 30,
+            tolerance: 0.05,
+            relative: 1e-6,
+            looks_again: true,
+        }
     }
 }
 
@@ -158,7 +181,13 @@ pub struct FitProgress<'m> {
 
 /// The same as long as its progress is worth it, which is asked after every step.
 #[must_use]
-pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, goes_on: impl Fn(&FitProgress) -> bool) -> Fit {
+pub fn fit_while(
+    model: &Model,
+    dataset: &Dataset,
+    rows: &Rows,
+    effort: Effort,
+    goes_on: impl Fn(&FitProgress) -> bool,
+) -> Fit {
     let free = free_parameters(model);
     let mut model = model.clone();
     let mut lambda = 1e-6;
@@ -169,14 +198,27 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
     let mut h = squares_of_derivatives(&parts);
     if let Some(begun) = with_coefficients_first(&model, dataset, rows, &free, &parts, &h) {
         model = begun.model;
-        parts.iter_mut().zip(begun.residuals).for_each(|(part, residual)| part.residual = residual);
+        parts
+            .iter_mut()
+            .zip(begun.residuals)
+            .for_each(|(part, residual)| part.residual = residual);
     }
     let mut costs_before = [f64::INFINITY; 2];
     for taken in 0..effort.iterations {
         let (g, cost, n) = along_residual(&parts);
-        let fell = if cost > 0.0 { 0.5 * (costs_before[0] / cost).ln() } else { 0.0 };
+        let fell = if cost > 0.0 {
+            0.5 * (costs_before[0] / cost).ln()
+        } else {
+            0.0
+        };
         costs_before = [costs_before[1], cost];
-        if taken > 0 && !goes_on(&FitProgress { taken, fell, model: &model }) {
+        if taken > 0
+            && !goes_on(&FitProgress {
+                taken,
+                fell,
+                model: &model,
+            })
+        {
             break;
         }
         if free.is_empty() || n == 0 {
@@ -186,16 +228,27 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
             known = Some((model.clone(), parts.clone()));
         }
         let variance = (cost / n as f64).max(1e-30);
-        let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
+        let worthwhile =
+            (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
         let damped_before = lambda;
         let step = best_step(
             &model,
             dataset,
             rows,
             &free,
-            &Normal { parts: &parts, h: &h, g, cost, variance },
+            &Normal {
+                parts: &parts,
+                h: &h,
+                g,
+                cost,
+                variance,
+            },
             worthwhile,
-            if effort.looks_again && age == Age::Older { OLDER_TRIALS } else { TRIALS },
+            if effort.looks_again && age == Age::Older {
+                OLDER_TRIALS
+            } else {
+                TRIALS
+            },
             &mut lambda,
         );
         let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
@@ -205,7 +258,10 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
             model = step.model;
             // Where the derivatives kept what they promised they are good for another step: only the residual
             // is new.
-            parts.iter_mut().zip(step.residuals).for_each(|(part, residual)| part.residual = residual);
+            parts
+                .iter_mut()
+                .zip(step.residuals)
+                .for_each(|(part, residual)| part.residual = residual);
         }
         if gain < worthwhile {
             if age == Age::Exact {
@@ -220,17 +276,36 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
             (age, chord_steps) = (Age::Older, chord_steps + 1);
         } else {
-            let near = known.as_ref().filter(|(at, _)| shape_change(at, &model, &free) < SHAPE_TOLERANCE);
-            age = if near.is_some() { Age::Older } else { Age::Exact };
-            parts = linearise_reusing(&model, dataset, rows, &free, near.map(|(_, parts)| parts.as_slice()));
+            let near = known
+                .as_ref()
+                .filter(|(at, _)| shape_change(at, &model, &free) < SHAPE_TOLERANCE);
+            age = if near.is_some() {
+                Age::Older
+            } else {
+                Age::Exact
+            };
+            parts = linearise_reusing(
+                &model,
+                dataset,
+                rows,
+                &free,
+                near.map(|(_, parts)| parts.as_slice()),
+            );
             h = squares_of_derivatives(&parts);
             chord_steps = 0;
         }
     }
-    let (cost, samples) = parts.iter().fold((0.0, 0), |(c, n), p| (c + p.residual.norm_squared(), n + p.residual.len()));
+    let (cost, samples) = parts.iter().fold((0.0, 0), |(c, n), p| {
+        (c + p.residual.norm_squared(), n + p.residual.len())
+    });
     store_lines(&mut model, dataset, rows);
     let residuals = parts.into_iter().map(|part| part.residual).collect();
-    Fit { model, rms_um: (cost / samples.max(1) as f64).sqrt(), samples, residuals }
+    Fit {
+        model,
+        rms_um: (cost / samples.max(1) as f64).sqrt(),
+        samples,
+        residuals,
+    }
 }
 
 /// Whether all derivatives belong to the present model.
@@ -283,9 +358,25 @@ fn with_coefficients_first(
     let (g, cost, n) = along_residual(parts);
     let variance = (cost / n.max(1) as f64).max(1e-30);
     let residuals: Vec<DVector<f64>> = parts.iter().map(|part| part.residual.clone()).collect();
-    let model = with_coefficients_following(model, free, &Normal { parts, h, g, cost, variance }, &residuals);
+    let model = with_coefficients_following(
+        model,
+        free,
+        &Normal {
+            parts,
+            h,
+            g,
+            cost,
+            variance,
+        },
+        &residuals,
+    );
     let (after, residuals) = residuals_of(&model, dataset, rows, parts);
-    (after < cost).then_some(Better { model, cost: after, residuals, kept: 1.0 })
+    (after < cost).then_some(Better {
+        model,
+        cost: after,
+        residuals,
+        kept: 1.0,
+    })
 }
 
 /// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well
@@ -320,7 +411,12 @@ fn best_step(
             let kept = (at.cost - cost) / promise;
             let change = if kept > 0.75 { 0.1 } else { 1.0 } * if kept < 0.25 { 3.0 } else { 1.0 };
             *lambda = (*lambda * change).max(1e-12);
-            return Some(Better { model: trial, cost, residuals, kept });
+            return Some(Better {
+                model: trial,
+                cost,
+                residuals,
+                kept,
+            });
         }
         if at.cost - cost > -1e-9 * at.cost {
             return None; // no longer a matter of the step
@@ -337,19 +433,38 @@ fn promised(h: &DMatrix<f64>, g: &DVector<f64>, step: &DVector<f64>) -> f64 {
 
 /// A trial that leaves these residuals, with the coefficients of its hysteresis, which enter linearly, put
 /// where they serve its other values best as far as the derivatives of where the step began tell.
-fn with_coefficients_following(trial: &Model, free: &[ParameterIndex], at: &Normal, residuals: &[DVector<f64>]) -> Model {
+fn with_coefficients_following(
+    trial: &Model,
+    free: &[ParameterIndex],
+    at: &Normal,
+    residuals: &[DVector<f64>],
+) -> Model {
     let linear = LinearCoefficients::of(trial);
-    let places: Vec<usize> = (0..free.len()).filter(|i| linear.lane(trial, free[*i]).is_some()).collect();
+    let places: Vec<usize> = (0..free.len())
+        .filter(|i| linear.lane(trial, free[*i]).is_some())
+        .collect();
     let surfaces: Vec<ParameterIndex> = places.iter().map(|i| free[*i]).collect();
-    let along = at.parts.iter().zip(residuals).map(|(part, residual)| part.jacobian.tr_mul(residual));
-    let g = along.fold(DVector::zeros(free.len()), |sum, of_record| sum + of_record).select_rows(&places);
+    let along = at
+        .parts
+        .iter()
+        .zip(residuals)
+        .map(|(part, residual)| part.jacobian.tr_mul(residual));
+    let g = along
+        .fold(DVector::zeros(free.len()), |sum, of_record| sum + of_record)
+        .select_rows(&places);
     let h = at.h.select_columns(&places).select_rows(&places);
-    damped_step(trial, &surfaces, &h, &g, at.variance, 0.0).map_or_else(|| trial.clone(), |step| moved(trial, &surfaces, &step))
+    damped_step(trial, &surfaces, &h, &g, at.variance, 0.0)
+        .map_or_else(|| trial.clone(), |step| moved(trial, &surfaces, &step))
 }
 
 /// Sum of squares of a model and its residuals, near one whose linearisation is known; infinite where
 /// anything is no number.
-fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows, near: &[Linearised]) -> (f64, Vec<DVector<f64>>) {
+fn residuals_of(
+    model: &Model,
+    dataset: &Dataset,
+    rows: &Rows,
+    near: &[Linearised],
+) -> (f64, Vec<DVector<f64>>) {
     let residuals = parallel::map_indices(rows.records.len(), |r| {
         let (i, samples) = &rows.records[r];
         residual_near(model, &dataset.records[*i], samples, &near[r])
@@ -393,9 +508,13 @@ fn damped_step(
     for _ in 0..p {
         let leaves_bounds = |i: &usize| {
             let value = value_of(*i);
-            (value.value <= value.parameter.lower && step[*i] < 0.0) || (value.value >= value.parameter.upper && step[*i] > 0.0)
+            (value.value <= value.parameter.lower && step[*i] < 0.0)
+                || (value.value >= value.parameter.upper && step[*i] > 0.0)
         };
-        let leaving: Vec<usize> = (0..p).filter(|i| held[*i].is_none()).filter(leaves_bounds).collect();
+        let leaving: Vec<usize> = (0..p)
+            .filter(|i| held[*i].is_none())
+            .filter(leaves_bounds)
+            .collect();
         if leaving.is_empty() {
             break;
         }
@@ -403,9 +522,13 @@ fn damped_step(
         step = solve_damped(model, free, h, g, variance, lambda, &held)?;
     }
     let too_far = |step: &DVector<f64>, i: usize| -> bool {
-        matches!(value_of(i).parameter.scale, Scale::Logarithmic) && step[i].abs() > LOGARITHMIC_STEP_MAX * (1.0 + 1e-9)
+        matches!(value_of(i).parameter.scale, Scale::Logarithmic)
+            && step[i].abs() > LOGARITHMIC_STEP_MAX * (1.0 + 1e-9)
     };
-    let farthest = (0..p).filter(|i| too_far(&step, *i)).map(|i| step[i].abs()).fold(0.0, f64::max);
+    let farthest = (0..p)
+        .filter(|i| too_far(&step, *i))
+        .map(|i| step[i].abs())
+        .fold(0.0, f64::max);
     if farthest == 0.0 {
         return Some(step);
     }
@@ -413,14 +536,21 @@ fn damped_step(
     let part = &step * (LOGARITHMIC_STEP_MAX / farthest);
     let mut rest = step.clone();
     for _ in 0..p {
-        let far: Vec<usize> = (0..p).filter(|i| held[*i].is_none() && too_far(&rest, *i)).collect();
+        let far: Vec<usize> = (0..p)
+            .filter(|i| held[*i].is_none() && too_far(&rest, *i))
+            .collect();
         if far.is_empty() {
             break;
         }
-        far.iter().for_each(|i| held[*i] = Some(LOGARITHMIC_STEP_MAX.copysign(rest[*i])));
+        far.iter()
+            .for_each(|i| held[*i] = Some(LOGARITHMIC_STEP_MAX.copysign(rest[*i])));
         rest = solve_damped(model, free, h, g, variance, lambda, &held)?;
     }
-    Some(if promised(h, g, &rest) > promised(h, g, &part) { rest } else { part })
+    Some(if promised(h, g, &rest) > promised(h, g, &part) {
+        rest
+    } else {
+        part
+    })
 }
 
 /// A positive value changes by no more than a factor of e in one step.
@@ -448,7 +578,11 @@ fn solve_damped(
         }
         a[(i, i)] += lambda * h[(i, i)] + 1e-300;
     }
-    for (i, step) in held.iter().enumerate().filter_map(|(i, step)| step.map(|step| (i, step))) {
+    for (i, step) in held
+        .iter()
+        .enumerate()
+        .filter_map(|(i, step)| step.map(|step| (i, step)))
+    {
         for j in 0..p {
             b[j] -= a[(j, i)] * step;
             a[(i, j)] = 0.0;
@@ -460,16 +594,30 @@ fn solve_damped(
         b[i] = step.unwrap_or(b[i]);
     }
     // Scale to a unit diagonal: the columns differ by orders of magnitude.
-    let scale: Vec<f64> = (0..p).map(|i| if a[(i, i)] > 0.0 { 1.0 / a[(i, i)].sqrt() } else { 0.0 }).collect();
+    let scale: Vec<f64> = (0..p)
+        .map(|i| {
+            if a[(i, i)] > 0.0 {
+                1.0 / a[(i, i)].sqrt()
+            } else {
+                0.0
+            }
+        })
+        .collect();
     for i in 0..p {
         for j in 0..p {
             a[(i, j)] *= scale[i] * scale[j];
         }
-        a[(i, i)] = if scale[i] == 0.0 { 1.0 } else { a[(i, i)] + 1e-13 };
+        a[(i, i)] = if scale[i] == 0.0 {
+            1.0
+        } else {
+            a[(i, i)] + 1e-13
+        };
         b[i] *= scale[i];
     }
     let mut step = a.cholesky()?.solve(&b);
-    step.iter_mut().zip(&scale).for_each(|(step, scale)| *step *= scale);
+    step.iter_mut()
+        .zip(&scale)
+        .for_each(|(step, scale)| *step *= scale);
     step.iter().all(|s| s.is_finite()).then_some(step)
 }
 
@@ -486,13 +634,20 @@ fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {
 /// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can
 /// simulate.
 fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
-    let Some((first, _)) = rows.records.first() else { return };
+    let Some((first, _)) = rows.records.first() else {
+        return;
+    };
     // The effect, the place of the sine in it, and the frequency of every line.
     let amplitudes: Vec<(usize, usize, f64)> = (model.effects.iter().enumerate())
         .flat_map(|(at, instance)| {
-            let lines_hz = instance.effect.line_frequencies_hz(model, &instance.values());
+            let lines_hz = instance
+                .effect
+                .line_frequencies_hz(model, &instance.values());
             let from = instance.parameters.len() - 2 * lines_hz.len();
-            lines_hz.into_iter().enumerate().map(move |(i, hz)| (at, from + 2 * i, hz))
+            lines_hz
+                .into_iter()
+                .enumerate()
+                .map(move |(i, hz)| (at, from + 2 * i, hz))
         })
         .collect();
     if amplitudes.is_empty() {
@@ -525,7 +680,9 @@ const BLOCKS_PER_RECORD: usize = 60;
 #[must_use]
 pub fn blocks(samples: usize) -> Vec<std::ops::Range<usize>> {
     let count = BLOCKS_PER_RECORD.min(samples.max(1));
-    (0..count).map(|b| b * samples / count..(b + 1) * samples / count).collect()
+    (0..count)
+        .map(|b| b * samples / count..(b + 1) * samples / count)
+        .collect()
 }
 
 /// Adds an effect at given start values to a copy of a model.

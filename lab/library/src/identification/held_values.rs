@@ -21,7 +21,11 @@ pub fn holding(model: &Model, holds: impl Fn(&str, usize) -> bool) -> Model {
 pub fn as_free_as(mut model: Model, other: &Model) -> Model {
     for effect in &mut model.effects {
         if let Some(there) = other.effect(&effect.id) {
-            effect.parameters.iter_mut().zip(&there.parameters).for_each(|(value, there)| value.parameter.fixed = there.parameter.fixed);
+            effect
+                .parameters
+                .iter_mut()
+                .zip(&there.parameters)
+                .for_each(|(value, there)| value.parameter.fixed = there.parameter.fixed);
         }
     }
     model
@@ -38,14 +42,26 @@ mod tests {
         let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
         let wanted = [gain::ID, creep::ID];
-        registry().into_iter().filter(|e| wanted.contains(&e.declaration().id.as_str())).for_each(|effect| {
-            model.add(EffectInstance::new(effect, &overview, &[]));
-        });
-        let free = |m: &Model| m.effects.iter().map(|e| e.parameters.iter().filter(|p| !p.parameter.fixed).count()).collect::<Vec<_>>();
+        registry()
+            .into_iter()
+            .filter(|e| wanted.contains(&e.declaration().id.as_str()))
+            .for_each(|effect| {
+                model.add(EffectInstance::new(effect, &overview, &[]));
+            });
+        let free = |m: &Model| {
+            m.effects
+                .iter()
+                .map(|e| e.parameters.iter().filter(|p| !p.parameter.fixed).count())
+                .collect::<Vec<_>>()
+        };
         let before = free(&model);
         assert!(before.iter().all(|count| *count > 0), "{before:?}");
         let held = holding(&model, |id, place| id == creep::ID && place > 0);
-        let of_creep = model.effects.iter().position(|e| e.id == creep::ID).unwrap();
+        let of_creep = model
+            .effects
+            .iter()
+            .position(|e| e.id == creep::ID)
+            .unwrap();
         assert!(free(&held)[of_creep] <= 1 && free(&held)[1 - of_creep] == before[1 - of_creep]);
         assert_eq!(free(&as_free_as(held, &model)), before);
     }

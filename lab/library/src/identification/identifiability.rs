@@ -35,7 +35,11 @@ pub enum CannotIdentify {
 
 /// Fills in the standard deviations of a fitted model and says what the data leave open.
 #[must_use]
-pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) -> Vec<CannotIdentify> {
+pub fn identifiability(
+    model: &mut Model,
+    dataset: &Dataset,
+    records: &[usize],
+) -> Vec<CannotIdentify> {
     let fitted = model.clone();
     let mut by_effect: Vec<(String, Vec<String>)> = Vec::new();
     for u in estimate_uncertainty(model, dataset, records) {
@@ -47,13 +51,23 @@ pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) 
     let mut out: Vec<CannotIdentify> = by_effect
         .into_iter()
         .map(|(effect, parameters)| {
-            let free = model.effect(&effect).map_or(0, |e| e.parameters.iter().filter(|p| !p.parameter.fixed).count());
-            if parameters.len() == free { CannotIdentify::AnyOf { effect } } else { CannotIdentify::SomeOf { effect, parameters } }
+            let free = model.effect(&effect).map_or(0, |e| {
+                e.parameters.iter().filter(|p| !p.parameter.fixed).count()
+            });
+            if parameters.len() == free {
+                CannotIdentify::AnyOf { effect }
+            } else {
+                CannotIdentify::SomeOf { effect, parameters }
+            }
         })
         .collect();
     if let Some(identified) = &mut model.identified {
         let held_out = dataset.with_role(Role::Validate);
-        let judges = if held_out.is_empty() { records } else { &held_out };
+        let judges = if held_out.is_empty() {
+            records
+        } else {
+            &held_out
+        };
         let error_um = rms_over(&fitted, dataset, judges);
         Arc::make_mut(identified).error_um = error_um;
     }
@@ -62,7 +76,9 @@ pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) 
         out.push(CannotIdentify::MinorLoops);
     }
     if seen.one_speed() && !seen.varied_within_a_record() {
-        out.push(CannotIdentify::RateDependence { speed_v_s: seen.speed_max_v_s });
+        out.push(CannotIdentify::RateDependence {
+            speed_v_s: seen.speed_max_v_s,
+        });
     }
     out
 }

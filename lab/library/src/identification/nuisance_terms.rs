@@ -25,7 +25,11 @@ impl Samples {
     /// All samples of a record's window whose readings say something.
     #[must_use]
     pub fn counted(record: &Record) -> Self {
-        if record.left_out.is_empty() { Self::Every(record.window.clone()) } else { Self::Some(record.counted().collect()) }
+        if record.left_out.is_empty() {
+            Self::Every(record.window.clone())
+        } else {
+            Self::Some(record.counted().collect())
+        }
     }
 
     /// How many.
@@ -61,13 +65,29 @@ impl Samples {
     pub fn within(&self, from: usize, to: usize) -> (usize, Places<'_>) {
         match self {
             Self::Every(range) => {
-                let (start, end) = (from.clamp(range.start, range.end), to.clamp(range.start, range.end));
-                let places = if start < end { start - from..end - from } else { 0..0 };
+                let (start, end) = (
+                    from.clamp(range.start, range.end),
+                    to.clamp(range.start, range.end),
+                );
+                let places = if start < end {
+                    start - from..end - from
+                } else {
+                    0..0
+                };
                 (start - range.start, Places::Every(places))
             }
             Self::Some(list) => {
-                let (start, end) = (list.partition_point(|k| *k < from), list.partition_point(|k| *k < to));
-                (start, Places::Some { list: &list[start..end], from })
+                let (start, end) = (
+                    list.partition_point(|k| *k < from),
+                    list.partition_point(|k| *k < to),
+                );
+                (
+                    start,
+                    Places::Some {
+                        list: &list[start..end],
+                        from,
+                    },
+                )
             }
         }
     }
@@ -92,7 +112,10 @@ impl Places<'_> {
     pub fn take(&self, values: &[f64], out: &mut [f64]) {
         match self {
             Self::Every(places) => out[..places.len()].copy_from_slice(&values[places.clone()]),
-            Self::Some { list, from } => out.iter_mut().zip(*list).for_each(|(out, k)| *out = values[k - from]),
+            Self::Some { list, from } => out
+                .iter_mut()
+                .zip(*list)
+                .for_each(|(out, k)| *out = values[k - from]),
         }
     }
 
@@ -107,8 +130,14 @@ impl Places<'_> {
             }
         };
         match self {
-            Self::Every(places) => places.clone().enumerate().for_each(|(at, place)| put(at, place)),
-            Self::Some { list, from } => list.iter().enumerate().for_each(|(at, k)| put(at, k - from)),
+            Self::Every(places) => places
+                .clone()
+                .enumerate()
+                .for_each(|(at, place)| put(at, place)),
+            Self::Some { list, from } => list
+                .iter()
+                .enumerate()
+                .for_each(|(at, k)| put(at, k - from)),
         }
     }
 }
@@ -143,10 +172,22 @@ impl OwnMotion {
         match self {
             Self::Constant => vec![DVector::from_element(rows, 1.0)],
             Self::Free(motion) if motion.frequency_rad_s == 0.0 => {
-                vec![DVector::from_vec(powers(Complex::new(-motion.decay_per_s * dt_s, 0.0), samples, |z| z.re))]
+                vec![DVector::from_vec(powers(
+                    Complex::new(-motion.decay_per_s * dt_s, 0.0),
+                    samples,
+                    |z| z.re,
+                ))]
             }
-            Self::Free(motion) => turning(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * dt_s, samples).to_vec(),
-            Self::LineHz(frequency_hz) => turning(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples).to_vec(),
+            Self::Free(motion) => turning(
+                Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * dt_s,
+                samples,
+            )
+            .to_vec(),
+            Self::LineHz(frequency_hz) => turning(
+                Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s),
+                samples,
+            )
+            .to_vec(),
         }
     }
 }
@@ -167,9 +208,21 @@ impl OwnMotions {
         for instance in &model.effects {
             let values = instance.values();
             if record.initial_state == InitialState::Unknown {
-                out.extend(instance.effect.free_motions(model, &values).into_iter().map(OwnMotion::Free));
+                out.extend(
+                    instance
+                        .effect
+                        .free_motions(model, &values)
+                        .into_iter()
+                        .map(OwnMotion::Free),
+                );
             }
-            out.extend(instance.effect.line_frequencies_hz(model, &values).into_iter().map(OwnMotion::LineHz));
+            out.extend(
+                instance
+                    .effect
+                    .line_frequencies_hz(model, &values)
+                    .into_iter()
+                    .map(OwnMotion::LineHz),
+            );
         }
         out.sort_by_key(OwnMotion::rank);
         Self(out)
@@ -178,7 +231,13 @@ impl OwnMotions {
     /// What changes of a record's own, held in these amounts, where others take the place of these motions;
     /// none where they are of another kind.
     #[must_use]
-    pub fn change_to(&self, others: &Self, held: &DVector<f64>, record: &Record, samples: &Samples) -> Option<DVector<f64>> {
+    pub fn change_to(
+        &self,
+        others: &Self,
+        held: &DVector<f64>,
+        record: &Record,
+        samples: &Samples,
+    ) -> Option<DVector<f64>> {
         let mut out = DVector::zeros(samples.count());
         let mut at = 0;
         for (before, after) in self.0.iter().zip(&others.0) {
@@ -186,7 +245,8 @@ impl OwnMotions {
                 return None;
             }
             if before != after {
-                let [before, after] = [before, after].map(|motion| motion.columns(record.dt_s(), samples));
+                let [before, after] =
+                    [before, after].map(|motion| motion.columns(record.dt_s(), samples));
                 for (k, (before, after)) in before.into_iter().zip(after).enumerate() {
                     out += (after - before) * held[at + k];
                 }
@@ -198,15 +258,24 @@ impl OwnMotions {
 
     /// How many of the first are those of others.
     fn alike(&self, others: &Self) -> usize {
-        self.0.iter().zip(&others.0).take_while(|(a, b)| a == b).count()
+        self.0
+            .iter()
+            .zip(&others.0)
+            .take_while(|(a, b)| a == b)
+            .count()
     }
 
     /// The plain columns at samples of the record.
     #[must_use]
     pub fn columns(&self, record: &Record, samples: &Samples) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(samples.count(), self.0.iter().map(OwnMotion::width).sum());
-        let columns = self.0.iter().flat_map(|motion| motion.columns(record.dt_s(), samples));
-        columns.enumerate().for_each(|(c, column)| out.set_column(c, &column));
+        let columns = self
+            .0
+            .iter()
+            .flat_map(|motion| motion.columns(record.dt_s(), samples));
+        columns
+            .enumerate()
+            .for_each(|(c, column)| out.set_column(c, &column));
         out
     }
 }
@@ -226,19 +295,34 @@ impl OwnBasis {
     /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may
     /// serve.
     #[must_use]
-    pub fn of(motions: OwnMotions, record: &Record, samples: &Samples, known: Option<&Self>) -> Self {
-        let known = known.map(|known| (known, known.motions.alike(&motions))).filter(|(_, alike)| *alike > 0);
+    pub fn of(
+        motions: OwnMotions,
+        record: &Record,
+        samples: &Samples,
+        known: Option<&Self>,
+    ) -> Self {
+        let known = known
+            .map(|known| (known, known.motions.alike(&motions)))
+            .filter(|(_, alike)| *alike > 0);
         let mut made = known.map_or_else(Vec::new, |(known, alike)| known.made[..alike].to_vec());
         let added: usize = motions.0[made.len()..].iter().map(OwnMotion::width).sum();
-        let mut basis = Orthonormal::with_room(samples.count(), made.last().copied().unwrap_or(0) + added);
+        let mut basis =
+            Orthonormal::with_room(samples.count(), made.last().copied().unwrap_or(0) + added);
         if let (Some((known, _)), Some(first)) = (known, made.last()) {
             basis.begin_with(&known.orthonormal, *first);
         }
         for motion in &motions.0[made.len()..] {
-            motion.columns(record.dt_s(), samples).into_iter().for_each(|column| basis.append(column, |a, b| a.dot(b)));
+            motion
+                .columns(record.dt_s(), samples)
+                .into_iter()
+                .for_each(|column| basis.append(column, |a, b| a.dot(b)));
             made.push(basis.filled);
         }
-        Self { motions, orthonormal: basis.columns(), made }
+        Self {
+            motions,
+            orthonormal: basis.columns(),
+            made,
+        }
     }
 }
 
@@ -250,18 +334,27 @@ struct Orthonormal {
 
 impl Orthonormal {
     fn with_room(rows: usize, columns: usize) -> Self {
-        Self { columns: DMatrix::zeros(rows, columns), filled: 0 }
+        Self {
+            columns: DMatrix::zeros(rows, columns),
+            filled: 0,
+        }
     }
 
     /// The first columns are those of another.
     fn begin_with(&mut self, other: &DMatrix<f64>, columns: usize) {
-        self.columns.columns_mut(0, columns).copy_from(&other.columns(0, columns));
+        self.columns
+            .columns_mut(0, columns)
+            .copy_from(&other.columns(0, columns));
         self.filled = columns;
     }
 
     /// Appends what another column has beside them, if that is anything, by an inner product: Gram-Schmidt,
     /// twice for accuracy.
-    fn append(&mut self, mut column: DVector<f64>, inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64) {
+    fn append(
+        &mut self,
+        mut column: DVector<f64>,
+        inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64,
+    ) {
         let before = inner(&column.as_view(), &column).sqrt();
         for _ in 0..2 {
             for base in self.columns.column_iter().take(self.filled) {
@@ -278,7 +371,11 @@ impl Orthonormal {
 
     fn columns(self) -> DMatrix<f64> {
         let (filled, room) = (self.filled, self.columns.ncols());
-        if filled < room { self.columns.remove_columns(filled, room - filled) } else { self.columns }
+        if filled < room {
+            self.columns.remove_columns(filled, room - filled)
+        } else {
+            self.columns
+        }
     }
 }
 
@@ -305,7 +402,10 @@ impl OwnBases {
                 known.insert(0, basis.clone());
                 return basis;
             }
-            known.iter().max_by_key(|basis| basis.motions.alike(&motions)).cloned()
+            known
+                .iter()
+                .max_by_key(|basis| basis.motions.alike(&motions))
+                .cloned()
         };
         let basis = Arc::new(OwnBasis::of(motions, record, samples, nearest.as_deref()));
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -323,13 +423,17 @@ impl OwnBases {
 /// it.
 #[must_use]
 pub fn swinging(motion: FreeMotion, record: &Record, samples: &Samples) -> [DVector<f64>; 2] {
-    turning(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * record.dt_s(), samples)
+    turning(
+        Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * record.dt_s(),
+        samples,
+    )
 }
 
 /// Real and imaginary part of the powers of `exp(rate)`.
 fn turning(rate: Complex<f64>, samples: &Samples) -> [DVector<f64>; 2] {
     let powers = powers(rate, samples, |z| z);
-    let part = |of: fn(&Complex<f64>) -> f64| DVector::from_iterator(powers.len(), powers.iter().map(of));
+    let part =
+        |of: fn(&Complex<f64>) -> f64| DVector::from_iterator(powers.len(), powers.iter().map(of));
     [part(|z| z.re), part(|z| z.im)]
 }
 
@@ -345,10 +449,16 @@ const LED: usize = 256;
 const DIED_OUT: f64 = 1e-150;
 
 /// What `part` takes of `exp(rate k)` at the samples `k` that count.
-fn powers<T: Copy + Default>(rate: Complex<f64>, samples: &Samples, part: fn(Complex<f64>) -> T) -> Vec<T> {
+fn powers<T: Copy + Default>(
+    rate: Complex<f64>,
+    samples: &Samples,
+    part: fn(Complex<f64>) -> T,
+) -> Vec<T> {
     let mut out = Vec::with_capacity(samples.count());
     match samples {
-        Samples::Every(range) => lead_powers(rate, range.start, range.clone(), |z| out.push(part(z))),
+        Samples::Every(range) => {
+            lead_powers(rate, range.start, range.clone(), |z| out.push(part(z)))
+        }
         Samples::Some(list) => lead_powers(rate, 0, list.iter().copied(), |z| out.push(part(z))),
     }
     out.resize(samples.count(), T::default());
@@ -357,9 +467,18 @@ fn powers<T: Copy + Default>(rate: Complex<f64>, samples: &Samples, part: fn(Com
 
 /// The powers at ascending samples from `anchor` on, until they have died out: one taken every so often,
 /// those behind it by one multiplication each.
-fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Item = usize>, mut take: impl FnMut(Complex<f64>)) {
+fn lead_powers(
+    rate: Complex<f64>,
+    mut anchor: usize,
+    samples: impl Iterator<Item = usize>,
+    mut take: impl FnMut(Complex<f64>),
+) {
     let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
-    let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };
+    let ends = if rate.re < 0.0 {
+        DIED_OUT.ln() / rate.re
+    } else {
+        f64::INFINITY
+    };
     let mut from = (rate * anchor as f64).exp();
     for k in samples.take_while(|k| (*k as f64) < ends) {
         if k - anchor >= LED {
@@ -376,9 +495,14 @@ pub fn orthonormalised(columns: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The same by another inner product, such as that over some of the rows.
-fn orthonormalised_by(columns: &DMatrix<f64>, inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64) -> DMatrix<f64> {
+fn orthonormalised_by(
+    columns: &DMatrix<f64>,
+    inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64,
+) -> DMatrix<f64> {
     let mut out = Orthonormal::with_room(columns.nrows(), columns.ncols());
-    columns.column_iter().for_each(|column| out.append(column.clone_owned(), &inner));
+    columns
+        .column_iter()
+        .for_each(|column| out.append(column.clone_owned(), &inner));
     out.columns()
 }
 
@@ -406,7 +530,8 @@ pub fn project_out_of(orthonormal: &DMatrix<f64>, values: &mut DVector<f64>) {
 
 /// Removes from all rows of `values` what lies in the span of `columns` in the rows that count, ascending.
 pub fn project_out_by_rows(columns: &DMatrix<f64>, counted: &[usize], values: &mut DVector<f64>) {
-    let over_counted = |a: &DVectorView<f64>, b: &DVector<f64>| counted.iter().map(|k| a[*k] * b[*k]).sum::<f64>();
+    let over_counted =
+        |a: &DVectorView<f64>, b: &DVector<f64>| counted.iter().map(|k| a[*k] * b[*k]).sum::<f64>();
     for base in orthonormalised_by(columns, over_counted).column_iter() {
         let along = over_counted(&base, values);
         values.axpy(-along, &base, 1.0);
@@ -421,11 +546,23 @@ pub fn amounts(columns: &DMatrix<f64>, residual: &DVector<f64>) -> DVector<f64> 
         return DVector::zeros(0);
     }
     let gram = transposed_times(columns, columns);
-    let scale: Vec<f64> = (0..n).map(|i| if gram[(i, i)] > 0.0 { 1.0 / gram[(i, i)].sqrt() } else { 0.0 }).collect();
-    let scaled = DMatrix::from_fn(n, n, |i, j| gram[(i, j)] * scale[i] * scale[j] + if i == j { 1e-10 } else { 0.0 });
+    let scale: Vec<f64> = (0..n)
+        .map(|i| {
+            if gram[(i, i)] > 0.0 {
+                1.0 / gram[(i, i)].sqrt()
+            } else {
+                0.0
+            }
+        })
+        .collect();
+    let scaled = DMatrix::from_fn(n, n, |i, j| {
+        gram[(i, j)] * scale[i] * scale[j] + if i == j { 1e-10 } else { 0.0 }
+    });
     let along = columns.tr_mul(residual);
     let right = DVector::from_fn(n, |i, _| scale[i] * along[i]);
-    let solved = scaled.cholesky().map_or_else(|| DVector::zeros(n), |c| c.solve(&right));
+    let solved = scaled
+        .cholesky()
+        .map_or_else(|| DVector::zeros(n), |c| c.solve(&right));
     DVector::from_fn(n, |i, _| scale[i] * solved[i])
 }
 
@@ -439,8 +576,16 @@ mod tests {
     /// Creep and a mode beside a constant: with another frequency, another time constant and a line more.
     #[test]
     fn a_basis_is_the_same_whatever_is_known_of_it() {
-        let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();
-        let dataset = Dataset::new("d", 0.0, 100.0, vec![Record::new("r", 1000.0, drive_v.clone(), drive_v)]).unwrap();
+        let drive_v: Vec<f64> = (0..6000)
+            .map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos())
+            .collect();
+        let dataset = Dataset::new(
+            "d",
+            0.0,
+            100.0,
+            vec![Record::new("r", 1000.0, drive_v.clone(), drive_v)],
+        )
+        .unwrap();
         let mut record = dataset.records[0].clone();
         (record.initial_state, record.offset_is_fitted) = (InitialState::Unknown, true);
         let model = |ids: &str, natural_frequency_rad_s: f64, longer: f64| {
@@ -472,12 +617,19 @@ mod tests {
             let motions = OwnMotions::of(model, &record);
             let anew = OwnBasis::of(motions.clone(), &record, &samples, None);
             let known = bases.of(motions.clone(), &record, &samples);
-            assert_eq!((&known.orthonormal, &known.made), (&anew.orthonormal, &anew.made));
+            assert_eq!(
+                (&known.orthonormal, &known.made),
+                (&anew.orthonormal, &anew.made)
+            );
             // It spans the plain columns, and nothing else of their number.
             let mut left = motions.columns(&record, &samples);
             let before = left.norm();
             project_out(&known.orthonormal, &mut left);
-            assert!(left.norm() < 1e-6 * before && known.orthonormal.ncols() <= left.ncols(), "{}", left.norm() / before);
+            assert!(
+                left.norm() < 1e-6 * before && known.orthonormal.ncols() <= left.ncols(),
+                "{}",
+                left.norm() / before
+            );
         }
     }
 }

@@ -23,7 +23,11 @@ pub struct Unidentified {
 }
 
 /// Fills in the standard deviations of a fitted model and names parameters that the data cannot tell.
-pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usize]) -> Vec<Unidentified> {
+pub fn estimate_uncertainty(
+    model: &mut Model,
+    dataset: &Dataset,
+    records: &[usize],
+) -> Vec<Unidentified> {
     let free = free_parameters(model);
     let p = free.len();
     if p == 0 {
@@ -37,27 +41,44 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
         regularised[(i, i)] += prior_weight(model, free[i], variance) + 1e-300;
     }
     let scale: Vec<f64> = (0..p).map(|i| 1.0 / regularised[(i, i)].sqrt()).collect();
-    let scaled = DMatrix::from_fn(p, p, |i, j| regularised[(i, j)] * scale[i] * scale[j] + if i == j { 1e-13 } else { 0.0 });
-    let Some(inverse) = scaled.cholesky().map(|c| c.inverse()) else { return Vec::new() };
+    let scaled = DMatrix::from_fn(p, p, |i, j| {
+        regularised[(i, j)] * scale[i] * scale[j] + if i == j { 1e-13 } else { 0.0 }
+    });
+    let Some(inverse) = scaled.cholesky().map(|c| c.inverse()) else {
+        return Vec::new();
+    };
     let inverse = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
     let mut middle = DMatrix::zeros(p, p);
     for part in &parts {
         for block in blocks(part.residual.len()) {
-            let gradient = part.jacobian.rows(block.start, block.len()).tr_mul(&part.residual.rows(block.start, block.len()));
+            let gradient = part
+                .jacobian
+                .rows(block.start, block.len())
+                .tr_mul(&part.residual.rows(block.start, block.len()));
             middle += &gradient * gradient.transpose();
         }
     }
     let sandwich = &inverse * middle * &inverse;
     let values = free.iter().map(|index| {
         let instance = &model.effects[index.effect];
-        (instance.id.clone(), instance.parameters[index.parameter].parameter.name.clone())
+        (
+            instance.id.clone(),
+            instance.parameters[index.parameter].parameter.name.clone(),
+        )
     });
     // Whichever is larger in each value: white noise, or what the blocks show.
     let white = &inverse * variance;
-    let larger = DVector::from_fn(p, |i, _| (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE)).sqrt().max(1.0));
+    let larger = DVector::from_fn(p, |i, _| {
+        (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE))
+            .sqrt()
+            .max(1.0)
+    });
     let covariance = DMatrix::from_fn(p, p, |i, j| larger[i] * white[(i, j)] * larger[j]);
-    model.identified =
-        Some(Arc::new(Identified { values: values.collect(), factor: factor_of(&covariance), ..known_of(dataset, records) }));
+    model.identified = Some(Arc::new(Identified {
+        values: values.collect(),
+        factor: factor_of(&covariance),
+        ..known_of(dataset, records)
+    }));
     let mut unidentified = Vec::new();
     for (i, index) in free.iter().enumerate() {
         let white = white[(i, i)].max(0.0).sqrt();
@@ -72,7 +93,10 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
             Scale::Logarithmic => 1.5,
         };
         if std_coordinate > limit {
-            unidentified.push(Unidentified { effect: id, parameter: value.parameter.name.clone() });
+            unidentified.push(Unidentified {
+                effect: id,
+                parameter: value.parameter.name.clone(),
+            });
         }
     }
     unidentified
@@ -84,23 +108,46 @@ fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
     let scale: Vec<f64> = (0..p).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
     let correlation = DMatrix::from_fn(p, p, |i, j| {
         let both = scale[i] * scale[j];
-        if both > 0.0 { covariance[(i, j)] / both } else { 0.0 }
+        if both > 0.0 {
+            covariance[(i, j)] / both
+        } else {
+            0.0
+        }
     });
     // Of values that depend on one another exactly rounding leaves a matrix that is no covariance: a little
     // on the diagonal mends it.
     let factor = (0..8).find_map(|k| {
         let jitter = if k == 0 { 0.0 } else { 1e-14 * 100f64.powi(k) };
-        (correlation.clone() + DMatrix::identity(p, p) * jitter).cholesky().map(|c| c.l())
+        (correlation.clone() + DMatrix::identity(p, p) * jitter)
+            .cholesky()
+            .map(|c| c.l())
     });
     let factor = factor.unwrap_or_else(|| DMatrix::identity(p, p));
-    (0..p).map(|i| (0..=i).map(|j| scale[i] * factor[(i, j)]).collect()).collect()
+    (0..p)
+        .map(|i| (0..=i).map(|j| scale[i] * factor[(i, j)]).collect())
+        .collect()
 }
 
 /// What the records that were fitted or judge show of the drive.
 fn known_of(dataset: &Dataset, records: &[usize]) -> Identified {
-    let seen = || dataset.records.iter().enumerate().filter(|(i, r)| records.contains(i) || r.role == Role::Validate).map(|(_, r)| r);
-    let over = |of: &dyn Fn(&crate::dataset::Record) -> f64| seen().map(of).fold(f64::NEG_INFINITY, f64::max);
-    let slope = |r: &crate::dataset::Record| r.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) * r.sample_rate_hz;
+    let seen = || {
+        dataset
+            .records
+            .iter()
+            .enumerate()
+            .filter(|(i, r)| records.contains(i) || r.role == Role::Validate)
+            .map(|(_, r)| r)
+    };
+    let over = |of: &dyn Fn(&crate::dataset::Record) -> f64| {
+        seen().map(of).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let slope = |r: &crate::dataset::Record| {
+        r.drive_v
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .fold(0.0, f64::max)
+            * r.sample_rate_hz
+    };
     Identified {
         seconds: over(&|r| r.window.end as f64 * r.dt_s()),
         low_v: -over(&|r| -extremes(&r.drive_v[..r.window.end]).0),

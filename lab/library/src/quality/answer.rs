@@ -44,22 +44,38 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::BeforeSearch) {
         return Vec::new();
     }
-    let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate) && r.counted().count() >= SAMPLES_MIN;
+    let judges = |r: &&Record| {
+        matches!(r.role, Role::Identify | Role::Validate) && r.counted().count() >= SAMPLES_MIN
+    };
     let records: Vec<&Record> = subject.dataset.records.iter().filter(judges).collect();
-    parallel::map(&records, |record| of_record(record)).into_iter().flatten().collect()
+    parallel::map(&records, |record| of_record(record))
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 fn of_record(record: &Record) -> Option<Issue> {
     let counted: Vec<usize> = record.counted().collect();
     let of_counted = |signal: &[f64]| -> Vec<f64> { counted.iter().map(|k| signal[*k]).collect() };
     let readings = of_counted(&record.displacement_um);
-    let further = record.force_n.iter().chain(record.auxiliary.iter().map(|signal| &signal.values));
-    let inputs: Vec<Vec<f64>> = std::iter::once(&record.drive_v).chain(further).map(|signal| of_counted(signal)).collect();
+    let further = record
+        .force_n
+        .iter()
+        .chain(record.auxiliary.iter().map(|signal| &signal.values));
+    let inputs: Vec<Vec<f64>> = std::iter::once(&record.drive_v)
+        .chain(further)
+        .map(|signal| of_counted(signal))
+        .collect();
     let tests = SEGMENTS.len() * inputs.len();
     let mut clearest: Option<(f64, f64, f64)> = None;
-    for segments in SEGMENTS.into_iter().filter(|n| readings.len() / n >= SEGMENT_MIN) {
+    for segments in SEGMENTS
+        .into_iter()
+        .filter(|n| readings.len() / n >= SEGMENT_MIN)
+    {
         for input in &inputs {
-            let Some((coherence, bins)) = largest_coherence(input, &readings, segments) else { continue };
+            let Some((coherence, bins)) = largest_coherence(input, &readings, segments) else {
+                continue;
+            };
             let trials = (tests * bins) as f64;
             let chance = trials * (1.0 - coherence).powi(segments as i32 - 1);
             let by_chance = 1.0 - (BY_CHANCE / trials).powf(1.0 / (segments - 1) as f64);
@@ -69,7 +85,11 @@ fn of_record(record: &Record) -> Option<Issue> {
         }
     }
     let (chance, coherence, by_chance) = clearest?;
-    let kind = IssueKind::NotAnswered { moves_um: rms(&without_line(&readings)), coherence, by_chance };
+    let kind = IssueKind::NotAnswered {
+        moves_um: rms(&without_line(&readings)),
+        coherence,
+        by_chance,
+    };
     (chance > BY_CHANCE).then(|| Issue::of(&record.name, Severity::Blocks, kind))
 }
 
@@ -77,9 +97,17 @@ fn of_record(record: &Record) -> Option<Issue> {
 fn without_line(signal: &[f64]) -> Vec<f64> {
     let n = signal.len() as f64;
     let (middle, mean) = (0.5 * (n - 1.0), signal.iter().sum::<f64>() / n);
-    let along: f64 = signal.iter().enumerate().map(|(k, v)| (k as f64 - middle) * (v - mean)).sum();
+    let along: f64 = signal
+        .iter()
+        .enumerate()
+        .map(|(k, v)| (k as f64 - middle) * (v - mean))
+        .sum();
     let slope = along / (n * (n * n - 1.0) / 12.0);
-    signal.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
+    signal
+        .iter()
+        .enumerate()
+        .map(|(k, v)| v - mean - slope * (k as f64 - middle))
+        .collect()
 }
 
 /// Whether an input moves beside straight lines, and in enough segments.
@@ -88,9 +116,18 @@ fn asks(input: &[f64], segments: usize) -> bool {
     let mean = input.iter().sum::<f64>() / input.len().max(1) as f64;
     let about_mean: Vec<f64> = input.iter().map(|v| v - mean).collect();
     let of_segment = |segment: &[f64]| square(&without_line(segment));
-    let squares: Vec<f64> = input.chunks_exact(input.len() / segments).take(segments).map(of_segment).collect();
+    let squares: Vec<f64> = input
+        .chunks_exact(input.len() / segments)
+        .take(segments)
+        .map(of_segment)
+        .collect();
     let sum: f64 = squares.iter().sum();
-    let shared_by = sum * sum / squares.iter().map(|s| s * s).sum::<f64>().max(f64::MIN_POSITIVE);
+    let shared_by = sum * sum
+        / squares
+            .iter()
+            .map(|s| s * s)
+            .sum::<f64>()
+            .max(f64::MIN_POSITIVE);
     sum >= MOVES_THERE * segments as f64 * square(&about_mean) && shared_by >= SHARED_BY
 }
 
@@ -101,20 +138,33 @@ fn largest_coherence(input: &[f64], readings: &[f64], segments: usize) -> Option
         return None;
     }
     let length = readings.len() / segments;
-    let window: Vec<f64> = (0..length).map(|i| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / length as f64).cos()).collect();
+    let window: Vec<f64> = (0..length)
+        .map(|i| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / length as f64).cos())
+        .collect();
     let transform = RealFftPlanner::<f64>::new().plan_fft_forward(length);
     let spectrum = |signal: &[f64]| -> Option<Vec<Complex<f64>>> {
-        let mut windowed: Vec<f64> = without_line(signal).iter().zip(&window).map(|(v, w)| v * w).collect();
+        let mut windowed: Vec<f64> = without_line(signal)
+            .iter()
+            .zip(&window)
+            .map(|(v, w)| v * w)
+            .collect();
         let mut bins = transform.make_output_vec();
         // The lengths are those of the transform.
         transform.process(&mut windowed, &mut bins).ok()?;
         Some(bins)
     };
     let bins = length / 2 + 1;
-    let (mut of_input, mut of_readings, mut of_both) = (vec![0.0; bins], vec![0.0; bins], vec![Complex::new(0.0, 0.0); bins]);
+    let (mut of_input, mut of_readings, mut of_both) = (
+        vec![0.0; bins],
+        vec![0.0; bins],
+        vec![Complex::new(0.0, 0.0); bins],
+    );
     for segment in 0..segments {
         let range = segment * length..(segment + 1) * length;
-        let (x, y) = (spectrum(&input[range.clone()])?, spectrum(&readings[range])?);
+        let (x, y) = (
+            spectrum(&input[range.clone()])?,
+            spectrum(&readings[range])?,
+        );
         for k in 0..bins {
             of_input[k] += x[k].norm_sqr();
             of_readings[k] += y[k].norm_sqr();
@@ -123,8 +173,16 @@ fn largest_coherence(input: &[f64], readings: &[f64], segments: usize) -> Option
     }
     let most = of_input[1..].iter().copied().fold(0.0, f64::max);
     // At half the sampling rate a spectrum is real, and reaches a high coherence more often.
-    let moves: Vec<usize> = (1..length.div_ceil(2)).filter(|k| most > 0.0 && of_input[*k] >= MOVES_THERE * most).collect();
-    let coherence = |k: &usize| if of_readings[*k] > 0.0 { of_both[*k].norm_sqr() / (of_input[*k] * of_readings[*k]) } else { 0.0 };
+    let moves: Vec<usize> = (1..length.div_ceil(2))
+        .filter(|k| most > 0.0 && of_input[*k] >= MOVES_THERE * most)
+        .collect();
+    let coherence = |k: &usize| {
+        if of_readings[*k] > 0.0 {
+            of_both[*k].norm_sqr() / (of_input[*k] * of_readings[*k])
+        } else {
+            0.0
+        }
+    };
     let largest = moves.iter().map(coherence).reduce(f64::max)?;
     Some((largest.min(1.0), moves.len()))
 }
@@ -142,12 +200,22 @@ mod tests {
     }
 
     /// What is found in readings in noise of 0.5 um, which are these beside it.
-    fn found(seed: u64, drive_v: fn(usize) -> f64, mut readings_um: impl FnMut(usize, f64) -> f64) -> Vec<Issue> {
+    fn found(
+        seed: u64,
+        drive_v: fn(usize) -> f64,
+        mut readings_um: impl FnMut(usize, f64) -> f64,
+    ) -> Vec<Issue> {
         let mut noise = WhiteNoise::new(0.5, seed);
-        let readings = (0..SAMPLES).map(|k| readings_um(k, noise.next_um())).collect();
-        let record = Record::new("one", 10e3, (0..SAMPLES).map(drive_v).collect(), readings).with_role(Role::Identify);
+        let readings = (0..SAMPLES)
+            .map(|k| readings_um(k, noise.next_um()))
+            .collect();
+        let record = Record::new("one", 10e3, (0..SAMPLES).map(drive_v).collect(), readings)
+            .with_role(Role::Identify);
         let dataset = Dataset::new("t", 0.0, 10.0, vec![record]).unwrap();
-        check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch })
+        check(&Subject {
+            dataset: &dataset,
+            moment: Moment::BeforeSearch,
+        })
     }
 
     fn stairs(k: usize) -> f64 {
@@ -170,8 +238,18 @@ mod tests {
                     }),
                 ];
                 for issues in each {
-                    assert!(issues.len() == 1 && issues[0].severity == Severity::Blocks, "{seed} {issues:?}");
-                    let IssueKind::NotAnswered { coherence, by_chance, .. } = issues[0].kind else { panic!("{issues:?}") };
+                    assert!(
+                        issues.len() == 1 && issues[0].severity == Severity::Blocks,
+                        "{seed} {issues:?}"
+                    );
+                    let IssueKind::NotAnswered {
+                        coherence,
+                        by_chance,
+                        ..
+                    } = issues[0].kind
+                    else {
+                        panic!("{issues:?}")
+                    };
                     assert!(coherence < by_chance, "{issues:?}");
                 }
             }
@@ -183,12 +261,24 @@ mod tests {
     #[test]
     fn drives_that_run_straight_block_nothing() {
         for period in [SAMPLES / 2, SAMPLES, SAMPLES + SAMPLES / 2, 2 * SAMPLES] {
-            let drive = |k: usize| 40.0 - 40.0 * (4.0 * ((k as f64 / period as f64).fract() - 0.5).abs() - 1.0);
+            let drive = |k: usize| {
+                40.0 - 40.0 * (4.0 * ((k as f64 / period as f64).fract() - 0.5).abs() - 1.0)
+            };
             let mut noise = WhiteNoise::new(0.01, 3);
-            let readings = (0..SAMPLES).map(|k| 0.1 * drive(k) + noise.next_um()).collect();
-            let record = Record::new("slow", 1e3, (0..SAMPLES).map(drive).collect(), readings).with_role(Role::Identify);
+            let readings = (0..SAMPLES)
+                .map(|k| 0.1 * drive(k) + noise.next_um())
+                .collect();
+            let record = Record::new("slow", 1e3, (0..SAMPLES).map(drive).collect(), readings)
+                .with_role(Role::Identify);
             let dataset = Dataset::new("t", 0.0, 80.0, vec![record]).unwrap();
-            assert_eq!(check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch }), [], "{period}");
+            assert_eq!(
+                check(&Subject {
+                    dataset: &dataset,
+                    moment: Moment::BeforeSearch
+                }),
+                [],
+                "{period}"
+            );
         }
     }
 
@@ -200,11 +290,20 @@ mod tests {
         let drive = |k: usize| (18.0 + 6e-3 * k as f64) * (0.0314 * k as f64).sin();
         let mut noise = WhiteNoise::new(0.3, 3);
         let samples = 3 * SAMPLES / 2;
-        let readings = (0..samples).map(|k| 0.18 * drive(k) + noise.next_um()).collect();
-        let mut record = Record::new("pieces", 10e3, (0..samples).map(drive).collect(), readings).with_role(Role::Identify);
+        let readings = (0..samples)
+            .map(|k| 0.18 * drive(k) + noise.next_um())
+            .collect();
+        let mut record = Record::new("pieces", 10e3, (0..samples).map(drive).collect(), readings)
+            .with_role(Role::Identify);
         record.leave_out(std::iter::once(samples / 3..2 * samples / 3));
         let dataset = Dataset::new("t", -80.0, 80.0, vec![record]).unwrap();
-        assert_eq!(check(&Subject { dataset: &dataset, moment: Moment::BeforeSearch }), []);
+        assert_eq!(
+            check(&Subject {
+                dataset: &dataset,
+                moment: Moment::BeforeSearch
+            }),
+            []
+        );
     }
 
     /// A sixth of a micrometre in half a micrometre of noise, a stage that follows a quarter of a period
@@ -213,7 +312,10 @@ mod tests {
     fn what_follows_the_drive_answers_however_late_and_small() {
         for seed in 0..20 {
             assert_eq!(found(seed, wave, |k, noise| 0.04 * wave(k) + noise), []);
-            assert_eq!(found(seed, wave, |k, noise| (0.011 * k as f64).sin() + noise), []);
+            assert_eq!(
+                found(seed, wave, |k, noise| (0.011 * k as f64).sin() + noise),
+                []
+            );
             let mut slow_um = 0.0;
             let slow = |k: usize, noise: f64| {
                 slow_um += 0.01 * (0.1 * stairs(k) - slow_um);

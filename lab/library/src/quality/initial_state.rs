@@ -33,45 +33,80 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 }
 
 fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
-    let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
+    let explains =
+        |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
     let both = study.split.both();
     let specified = |i: &&usize| study.dataset.records[**i].initial_state != InitialState::Unknown;
-    if study.floor_um.is_none() || explains(fitted) || !both.iter().any(|i| specified(&i)) || study.watch.stopped() {
+    if study.floor_um.is_none()
+        || explains(fitted)
+        || !both.iter().any(|i| specified(&i))
+        || study.watch.stopped()
+    {
         return None;
     }
-    study.watch.event(&WatchEvent::Doing("asking the states in which records begin"));
+    study.watch.event(&WatchEvent::Doing(
+        "asking the states in which records begin",
+    ));
     let unknown = unknown_states(study.dataset);
     let other = study.of(&unknown);
-    let lower = |before: &Judged, after: &Judged| other.merit(after) < study.merit(before) + SUSPECTED.ln();
+    let lower =
+        |before: &Judged, after: &Judged| other.merit(after) < study.merit(before) + SUSPECTED.ln();
     let quick = other.quickly(&fitted.model);
     if !lower(fitted, &quick) {
         return None;
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
-    if !explains(&without) || !lower(fitted, &without) || one_effect_does_as_well(study, fitted, other.merit(&without)) {
+    if !explains(&without)
+        || !lower(fitted, &without)
+        || one_effect_does_as_well(study, fitted, other.merit(&without))
+    {
         return None;
     }
     // Those that the model so found does not meet from the states that were specified.
     let as_specified = study.judged(without.model.clone());
     let issue = |i: &usize| {
-        let (specified_um, unknown_um) = (rms(&as_specified.residuals[*i]), rms(&without.residuals[*i]));
-        let kind = IssueKind::InitialState { specified_um, unknown_um };
+        let (specified_um, unknown_um) = (
+            rms(&as_specified.residuals[*i]),
+            rms(&without.residuals[*i]),
+        );
+        let kind = IssueKind::InitialState {
+            specified_um,
+            unknown_um,
+        };
         let record = &study.dataset.records[*i];
         // A state that nobody specified is estimated instead, by another search.
-        let severity = if record.state_is_assumed { Severity::Notes } else { Severity::Blocks };
-        (specified_um > study.policy.explained * unknown_um).then(|| Issue::of(&record.name, severity, kind))
+        let severity = if record.state_is_assumed {
+            Severity::Notes
+        } else {
+            Severity::Blocks
+        };
+        (specified_um > study.policy.explained * unknown_um)
+            .then(|| Issue::of(&record.name, severity, kind))
     };
-    Some(both.iter().filter(|i| specified(i)).filter_map(issue).collect())
+    Some(
+        both.iter()
+            .filter(|i| specified(i))
+            .filter_map(issue)
+            .collect(),
+    )
 }
 
 /// Whether one effect more, from the specified states, comes as near to the noise as unknown states of all
 /// records do, which are many more values: they explain a drift as well.
 fn one_effect_does_as_well(study: &Study, fitted: &Judged, unknown: f64) -> bool {
-    let Ok(screening) = study.score(&fitted.model) else { return false };
-    let tried = parallel::map(&screening.scores[..screening.scores.len().min(ONES_TRIED)], |score| {
-        let begin = study.with(&fitted.model, &[(score.effect.clone(), score.starts[0].clone())]);
-        study.merit(&study.for_comparison(&study.quickly(&begin).model))
-    });
+    let Ok(screening) = study.score(&fitted.model) else {
+        return false;
+    };
+    let tried = parallel::map(
+        &screening.scores[..screening.scores.len().min(ONES_TRIED)],
+        |score| {
+            let begin = study.with(
+                &fitted.model,
+                &[(score.effect.clone(), score.starts[0].clone())],
+            );
+            study.merit(&study.for_comparison(&study.quickly(&begin).model))
+        },
+    );
     tried.into_iter().any(|merit| merit < unknown + AS_WELL)
 }
 

@@ -114,10 +114,17 @@ pub fn issues(dataset: &Dataset, moment: Moment) -> Vec<Issue> {
 /// What the manifest specifies and the drive contradicts.
 pub(crate) fn check_made(mut dataset: Dataset) -> Result<Dataset> {
     for check in CHECKS {
-        let issues = check(&Subject { dataset: &dataset, moment: Moment::Made });
+        let issues = check(&Subject {
+            dataset: &dataset,
+            moment: Moment::Made,
+        });
         for issue in issues {
             if issue.severity == Severity::Blocks {
-                let source = dataset.records.iter().find(|r| Some(&r.name) == issue.record.as_ref()).map_or(&dataset.source, |r| &r.source);
+                let source = dataset
+                    .records
+                    .iter()
+                    .find(|r| Some(&r.name) == issue.record.as_ref())
+                    .map_or(&dataset.source, |r| &r.source);
                 return Err(Error::new(source, words::of_kind(&issue.kind)));
             }
             apply(&mut dataset, &issue);
@@ -132,9 +139,15 @@ pub(crate) fn check_made(mut dataset: Dataset) -> Result<Dataset> {
 #[must_use]
 pub fn corrected(dataset: &Dataset, issues: &[Issue]) -> Option<Dataset> {
     let mut out = dataset.clone();
-    for issue in issues.iter().filter(|issue| issue.asks_for_another_search()) {
+    for issue in issues
+        .iter()
+        .filter(|issue| issue.asks_for_another_search())
+    {
         apply(&mut out, issue);
-        out.issues.push(Issue { severity: Severity::Corrects, ..issue.clone() });
+        out.issues.push(Issue {
+            severity: Severity::Corrects,
+            ..issue.clone()
+        });
     }
     (out.issues.len() > dataset.issues.len()).then_some(out)
 }
@@ -142,23 +155,33 @@ pub fn corrected(dataset: &Dataset, issues: &[Issue]) -> Option<Dataset> {
 /// Changes a data set as an issue asks for.
 fn apply(dataset: &mut Dataset, issue: &Issue) {
     let Dataset { records, .. } = dataset;
-    let of_the_issue = records.iter_mut().find(|r| Some(&r.name) == issue.record.as_ref());
+    let of_the_issue = records
+        .iter_mut()
+        .find(|r| Some(&r.name) == issue.record.as_ref());
     match (&issue.kind, of_the_issue) {
-        (IssueKind::RestWithoutNoise { in_steps: false }, _) => records.retain(|r| Some(&r.name) != issue.record.as_ref()),
+        (IssueKind::RestWithoutNoise { in_steps: false }, _) => {
+            records.retain(|r| Some(&r.name) != issue.record.as_ref())
+        }
         (IssueKind::OutliersReplaced { .. }, Some(record)) => {
             outliers::interpolate(record, &issue.samples);
             record.leave_out(issue.samples.iter().cloned());
         }
-        (IssueKind::RangeEnds { .. } | IssueKind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(issue.samples.iter().cloned()),
+        (IssueKind::RangeEnds { .. } | IssueKind::OutliersLeftOut { .. }, Some(record)) => {
+            record.leave_out(issue.samples.iter().cloned())
+        }
         (IssueKind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
         // All records of the tape begin in the same state.
         (IssueKind::InitialState { .. }, Some(record)) => {
             let source = record.source.clone();
-            let of_the_tape = records.iter_mut().filter(|r| r.state_is_assumed && r.source == source);
+            let of_the_tape = records
+                .iter_mut()
+                .filter(|r| r.state_is_assumed && r.source == source);
             of_the_tape.for_each(|r| r.initial_state = InitialState::Unknown);
         }
         (IssueKind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
-        (IssueKind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
+        (IssueKind::RunsOnBetweenSamples { intersample, .. }, _) => {
+            *dataset = dataset.running_on(between_samples::named(intersample))
+        }
         _ => {}
     }
 }
@@ -376,13 +399,23 @@ impl Issue {
     /// An issue of one record.
     #[must_use]
     pub fn of(record: impl Into<String>, severity: Severity, kind: IssueKind) -> Self {
-        Self { record: Some(record.into()), kind, severity, samples: Vec::new() }
+        Self {
+            record: Some(record.into()),
+            kind,
+            severity,
+            samples: Vec::new(),
+        }
     }
 
     /// An issue of the data set.
     #[must_use]
     pub fn of_all(severity: Severity, kind: IssueKind) -> Self {
-        Self { record: None, kind, severity, samples: Vec::new() }
+        Self {
+            record: None,
+            kind,
+            severity,
+            samples: Vec::new(),
+        }
     }
 
     /// The same with the samples that it is about.
@@ -394,9 +427,9 @@ impl Issue {
     #[must_use]
     pub fn asks_for_another_search(&self) -> bool {
         match self.kind {
-            IssueKind::SameSampleTiming { .. } | IssueKind::SensorOffset { .. } | IssueKind::RunsOnBetweenSamples { .. } => {
-                self.severity != Severity::Corrects
-            }
+            IssueKind::SameSampleTiming { .. }
+            | IssueKind::SensorOffset { .. }
+            | IssueKind::RunsOnBetweenSamples { .. } => self.severity != Severity::Corrects,
             // A state that somebody specified is not changed.
             IssueKind::InitialState { .. } => self.severity == Severity::Notes,
             _ => false,
@@ -420,12 +453,30 @@ impl Issue {
     /// squares. Effects that lower the held-out error by more than that stand beside the issue.
     #[must_use]
     pub fn effect_um(&self) -> Option<f64> {
-        let fall = |before_um: f64, after_um: f64| (before_um * before_um - after_um * after_um).max(0.0).sqrt();
+        let fall = |before_um: f64, after_um: f64| {
+            (before_um * before_um - after_um * after_um)
+                .max(0.0)
+                .sqrt()
+        };
         match self.kind {
-            IssueKind::SensorOffset { specified_um, fitted_um } => Some(fall(specified_um, fitted_um)),
-            IssueKind::InitialState { specified_um, unknown_um } => Some(fall(specified_um, unknown_um)),
-            IssueKind::SameSampleTiming { assumed_um, same_sample_um, .. } => Some(fall(assumed_um, same_sample_um)),
-            IssueKind::RunsOnBetweenSamples { held_um, runs_on_um, .. } => Some(fall(held_um, runs_on_um)),
+            IssueKind::SensorOffset {
+                specified_um,
+                fitted_um,
+            } => Some(fall(specified_um, fitted_um)),
+            IssueKind::InitialState {
+                specified_um,
+                unknown_um,
+            } => Some(fall(specified_um, unknown_um)),
+            IssueKind::SameSampleTiming {
+                assumed_um,
+                same_sample_um,
+                ..
+            } => Some(fall(assumed_um, same_sample_um)),
+            IssueKind::RunsOnBetweenSamples {
+                held_um,
+                runs_on_um,
+                ..
+            } => Some(fall(held_um, runs_on_um)),
             _ => None,
         }
     }

@@ -51,10 +51,21 @@ struct Outliers {
 pub(super) fn single(subject: &Subject) -> Vec<Issue> {
     of_all(subject, |record, ends_um| {
         // What lies in front of a window shows noise too, unless it is another record's of the same tape.
-        let of_the_tape = subject.dataset.records.iter().filter(|other| other.name != record.name && other.source == record.source);
+        let of_the_tape = subject
+            .dataset
+            .records
+            .iter()
+            .filter(|other| other.name != record.name && other.source == record.source);
         let of_others: Vec<&Range<usize>> = of_the_tape.map(|other| &other.window).collect();
-        let mine = |k: &usize| record.counts(*k) && (record.window.contains(k) || !of_others.iter().any(|window| window.contains(k)));
-        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(mine).collect();
+        let mine = |k: &usize| {
+            record.counts(*k)
+                && (record.window.contains(k) || !of_others.iter().any(|window| window.contains(k)))
+        };
+        let single: Vec<usize> = outliers(record, ends_um)
+            .single
+            .into_iter()
+            .filter(mine)
+            .collect();
         let first_sample = single.first()? + 1;
         if let Some(kept) = too_many(record, single.len(), first_sample) {
             return Some(kept);
@@ -64,7 +75,11 @@ pub(super) fn single(subject: &Subject) -> Vec<Issue> {
         interpolate(&mut mended, &samples);
         let apart_um = |k: &usize| (record.displacement_um[*k] - mended.displacement_um[*k]).abs();
         let farthest_um = single.iter().map(apart_um).fold(0.0, f64::max);
-        let kind = IssueKind::OutliersReplaced { samples: single.len(), first_sample, farthest_um };
+        let kind = IssueKind::OutliersReplaced {
+            samples: single.len(),
+            first_sample,
+            farthest_um,
+        };
         Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(samples))
     })
 }
@@ -72,16 +87,29 @@ pub(super) fn single(subject: &Subject) -> Vec<Issue> {
 /// Readings that stand out beside one another, with those between them.
 pub(super) fn together(subject: &Subject) -> Vec<Issue> {
     of_all(subject, |record, ends_um| {
-        let beside_others: Vec<usize> = outliers(record, ends_um).beside_others.into_iter().filter(|k| record.counts(*k)).collect();
-        let around = |group: &[usize]| group[0].max(record.window.start)..(group[group.len() - 1] + 1).min(record.window.end);
-        let groups = beside_others.chunk_by(|a, b| b - a <= ALONE_WITHIN).map(around);
+        let beside_others: Vec<usize> = outliers(record, ends_um)
+            .beside_others
+            .into_iter()
+            .filter(|k| record.counts(*k))
+            .collect();
+        let around = |group: &[usize]| {
+            group[0].max(record.window.start)..(group[group.len() - 1] + 1).min(record.window.end)
+        };
+        let groups = beside_others
+            .chunk_by(|a, b| b - a <= ALONE_WITHIN)
+            .map(around);
         let groups: Vec<Range<usize>> = groups.filter(|group| !group.is_empty()).collect();
         let first = groups.first()?.clone();
         let samples: usize = groups.iter().map(Range::len).sum();
         if let Some(kept) = too_many(record, samples, first.start + 1) {
             return Some(kept);
         }
-        let kind = IssueKind::OutliersLeftOut { samples, places: groups.len(), first_sample: first.start + 1, last_sample: first.end };
+        let kind = IssueKind::OutliersLeftOut {
+            samples,
+            places: groups.len(),
+            first_sample: first.start + 1,
+            last_sample: first.end,
+        };
         Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(groups))
     })
 }
@@ -92,27 +120,47 @@ fn of_all(subject: &Subject, of_record: impl Fn(&Record, &[f64]) -> Option<Issue
     }
     let records = &subject.dataset.records;
     let ends_um = range::ends_um(records);
-    records.iter().filter_map(|record| of_record(record, &ends_um)).collect()
+    records
+        .iter()
+        .filter_map(|record| of_record(record, &ends_um))
+        .collect()
 }
 
 /// So many readings stand out that they are no disturbances.
 fn too_many(record: &Record, samples: usize, first_sample: usize) -> Option<Issue> {
     let is_so = samples as f64 > SHARE_MAX * record.window.len() as f64;
-    is_so.then(|| Issue::of(&record.name, Severity::Notes, IssueKind::OutliersKept { samples, first_sample }))
+    is_so.then(|| {
+        Issue::of(
+            &record.name,
+            Severity::Notes,
+            IssueKind::OutliersKept {
+                samples,
+                first_sample,
+            },
+        )
+    })
 }
 
 /// Puts what its neighbours say in the place of each of these readings.
 pub(super) fn interpolate(record: &mut Record, samples: &[Range<usize>]) {
     let y = &mut record.displacement_um;
     for k in samples.iter().cloned().flatten() {
-        y[k] = if (1..y.len() - 1).contains(&k) { 0.5 * (y[k - 1] + y[k + 1]) } else { expected(y, k) };
+        y[k] = if (1..y.len() - 1).contains(&k) {
+            0.5 * (y[k - 1] + y[k + 1])
+        } else {
+            expected(y, k)
+        };
     }
 }
 
 /// The least difference between two values that are not the same: one step, where they are those of a
 /// converter.
 fn least_gap(values: &[f64]) -> f64 {
-    levels(values).windows(2).map(|w| w[1] - w[0]).reduce(f64::min).unwrap_or(0.0)
+    levels(values)
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .reduce(f64::min)
+        .unwrap_or(0.0)
 }
 
 /// What the values beside a sample say of it.
@@ -120,7 +168,11 @@ fn expected(values: &[f64], k: usize) -> f64 {
     let n = values.len();
     let at_an_end = |y: [f64; 3]| {
         // The straight lines through any two of the next three, so that one of these may be disturbed itself.
-        let mut three = [2.0 * y[0] - y[1], y[0] + 0.5 * (y[0] - y[2]), 3.0 * y[1] - 2.0 * y[2]];
+        let mut three = [
+            2.0 * y[0] - y[1],
+            y[0] + 0.5 * (y[0] - y[2]),
+            3.0 * y[1] - 2.0 * y[2],
+        ];
         three.sort_by(f64::total_cmp);
         three[1]
     };
@@ -142,7 +194,9 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     if n < 4 * AROUND {
         return Outliers::default();
     }
-    let apart: Vec<f64> = (0..n).map(|k| (readings_um[k] - expected(readings_um, k)).abs()).collect();
+    let apart: Vec<f64> = (0..n)
+        .map(|k| (readings_um[k] - expected(readings_um, k)).abs())
+        .collect();
     let usual_everywhere = mean(&apart);
     let stands_out = |k: usize| {
         if apart[k] <= STANDS_OUT * usual_everywhere {
@@ -153,28 +207,50 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         apart[k] > STANDS_OUT * usual
     };
     let alone = |k: usize| {
-        let beside = (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
+        let beside =
+            (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
         beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
     };
     // Where readings run into their own end, the last one before it is no outlier: the bend there is as
     // sharp.
-    let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
-    let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
+    let at_its_end =
+        |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
+    let beside_an_end =
+        |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
     // What the drive itself has of it, a straight stage would read: the corner of a triangle.
     let drive_span_v = peak_to_peak(drive_v);
-    let gain_um_per_v = if drive_span_v > 0.0 { peak_to_peak(readings_um) / drive_span_v } else { 0.0 };
+    let gain_um_per_v = if drive_span_v > 0.0 {
+        peak_to_peak(readings_um) / drive_span_v
+    } else {
+        0.0
+    };
     let of_the_drive = |k: usize| {
         let reach = k.saturating_sub(MEDIAN_REACHES)..(k + MEDIAN_REACHES + 1).min(n);
-        let corner_v = reach.clone().map(|j| (drive_v[j] - expected(drive_v, j)).abs()).fold(0.0, f64::max);
+        let corner_v = reach
+            .clone()
+            .map(|j| (drive_v[j] - expected(drive_v, j)).abs())
+            .fold(0.0, f64::max);
         // In front of the first sample the drive may have stood still, of a virgin record at the lower end.
         let at_an_end = k < AT_AN_END || k + AT_AN_END >= n;
         let is_virgin = k < AT_AN_END && record.initial_state == InitialState::Virgin;
-        let begins_v = if is_virgin { drive_v[0] - extremes(drive_v).0 } else { 0.0 };
-        let change_v = reach.filter(|j| at_an_end && j + 1 < n).map(|j| (drive_v[j + 1] - drive_v[j]).abs()).fold(0.0, f64::max);
+        let begins_v = if is_virgin {
+            drive_v[0] - extremes(drive_v).0
+        } else {
+            0.0
+        };
+        let change_v = reach
+            .filter(|j| at_an_end && j + 1 < n)
+            .map(|j| (drive_v[j + 1] - drive_v[j]).abs())
+            .fold(0.0, f64::max);
         corner_v.max(change_v).max(begins_v) * gain_um_per_v
     };
     let mut found: Vec<usize> = (0..n)
-        .filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k))
+        .filter(|k| {
+            stands_out(*k)
+                && apart[*k] > AS_THE_DRIVE * of_the_drive(*k)
+                && !beside_an_end(*k)
+                && !near_a_jump(drive_v, *k)
+        })
         .collect();
     if !found.is_empty() {
         // One step of a converter more or less is what rounding does, however seldom a rest inside one code
@@ -183,14 +259,20 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         found.retain(|k| apart[*k] > rounding_um);
     }
     let (single, beside_others) = found.into_iter().partition(|k| alone(*k));
-    Outliers { single, beside_others }
+    Outliers {
+        single,
+        beside_others,
+    }
 }
 
 /// Whether the drive jumped shortly before a sample or between those it is compared with, or at the beginning
 /// of a record whose first samples are asked for.
 fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
     let change = |j: usize| (drive_v[j + 1] - drive_v[j]).abs();
-    let (from, to) = (k.saturating_sub(AROUND), (k + AROUND).min(drive_v.len() - 1));
+    let (from, to) = (
+        k.saturating_sub(AROUND),
+        (k + AROUND).min(drive_v.len() - 1),
+    );
     let usual = (from..to).map(change).sum::<f64>() / (to - from).max(1) as f64;
     let until = (k + MEDIAN_REACHES + 1).max(AT_AN_END).min(to);
     (from..until).map(change).fold(0.0, f64::max) > JUMP * usual
@@ -206,7 +288,12 @@ mod tests {
     /// What the check finds in a record whose readings end there, corrected.
     fn checked(check: fn(&Subject) -> Vec<Issue>, record: &mut Record) -> Option<IssueKind> {
         let mut dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record.clone()]);
-        let issue = check(&Subject { dataset: &dataset, moment: Moment::Made }).into_iter().next()?;
+        let issue = check(&Subject {
+            dataset: &dataset,
+            moment: Moment::Made,
+        })
+        .into_iter()
+        .next()?;
         crate::quality::apply(&mut dataset, &issue);
         *record = dataset.records.remove(0);
         Some(issue.kind)
@@ -215,7 +302,13 @@ mod tests {
     /// A stage with a mode of 0.3 damping at a fifth of the sampling rate, driven by a staircase and then by
     /// a sine.
     fn record() -> Record {
-        let drive = |k: usize| if k < 3000 { 5.0 * (k / 300 % 7) as f64 } else { 20.0 + 15.0 * (0.02 * k as f64).sin() };
+        let drive = |k: usize| {
+            if k < 3000 {
+                5.0 * (k / 300 % 7) as f64
+            } else {
+                20.0 + 15.0 * (0.02 * k as f64).sin()
+            }
+        };
         let drive_v: Vec<f64> = (0..8000).map(drive).collect();
         let mut noise = WhiteNoise::new(0.002, 5);
         let (mut x, mut v) = (0.0, 0.0);
@@ -240,14 +333,36 @@ mod tests {
         for (i, k) in disturbed.iter().enumerate() {
             record.displacement_um[*k] += [0.7, -0.5, 1.5][i % 3];
         }
-        assert_eq!(outliers(&record, &[]), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
+        assert_eq!(
+            outliers(&record, &[]),
+            Outliers {
+                single: disturbed.to_vec(),
+                beside_others: Vec::new()
+            }
+        );
         let found = checked(single, &mut record).unwrap();
-        assert!(matches!(found, IssueKind::OutliersReplaced { samples: 8, first_sample: 1, .. }), "{found:?}");
+        assert!(
+            matches!(
+                found,
+                IssueKind::OutliersReplaced {
+                    samples: 8,
+                    first_sample: 1,
+                    ..
+                }
+            ),
+            "{found:?}"
+        );
         for k in disturbed {
             assert!(!record.counts(k));
-            assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
+            assert!(
+                (record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03,
+                "{k}"
+            );
         }
-        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
+        assert_eq!(
+            (checked(single, &mut record), checked(together, &mut record)),
+            (None, None)
+        );
     }
 
     /// A triangle met by a stage without dynamics, hardly any noise: its corners are as sharp as the drive's.
@@ -257,7 +372,9 @@ mod tests {
             let drive = |k: i32| 80.0 * (1.0 - (f64::from(k.rem_euclid(400)) / 200.0 - 1.0).abs());
             let mut noise = WhiteNoise::new(noise_um, 8);
             let drive_v: Vec<f64> = (0..4000).map(drive).collect();
-            let displacement_um: Vec<f64> = (0..4000).map(|k| 0.1 * drive(k - 1) + noise.next_um()).collect();
+            let displacement_um: Vec<f64> = (0..4000)
+                .map(|k| 0.1 * drive(k - 1) + noise.next_um())
+                .collect();
             let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
             assert_eq!(outliers(&record, &[]), Outliers::default(), "{noise_um}");
             record.displacement_um[1234] += 1.5;
@@ -271,7 +388,10 @@ mod tests {
     fn the_first_reading_of_a_virgin_record_is_no_outlier() {
         let mut record = record();
         record.drive_v.iter_mut().for_each(|u| *u = 35.0 - *u);
-        record.displacement_um.iter_mut().for_each(|y| *y = 7.0 - *y);
+        record
+            .displacement_um
+            .iter_mut()
+            .for_each(|y| *y = 7.0 - *y);
         record.displacement_um[0] = 0.0;
         record.initial_state = InitialState::Virgin;
         assert_eq!(outliers(&record, &[]), Outliers::default());
@@ -282,9 +402,17 @@ mod tests {
     #[test]
     fn many_are_said_and_left_alone() {
         let mut record = record();
-        (3100..7900).step_by(20).for_each(|k| record.displacement_um[k] += 2.0);
+        (3100..7900)
+            .step_by(20)
+            .for_each(|k| record.displacement_um[k] += 2.0);
         let before = record.displacement_um.clone();
-        assert_eq!(checked(single, &mut record), Some(IssueKind::OutliersKept { samples: 240, first_sample: 3101 }));
+        assert_eq!(
+            checked(single, &mut record),
+            Some(IssueKind::OutliersKept {
+                samples: 240,
+                first_sample: 3101
+            })
+        );
         assert_eq!(record.displacement_um, before);
     }
 
@@ -297,9 +425,16 @@ mod tests {
         let before = record.displacement_um.clone();
         assert_eq!(checked(single, &mut record), None);
         let found = checked(together, &mut record).unwrap();
-        assert!(matches!(found, IssueKind::OutliersLeftOut { places: 2, .. }), "{found:?}");
+        assert!(
+            matches!(found, IssueKind::OutliersLeftOut { places: 2, .. }),
+            "{found:?}"
+        );
         assert_eq!(record.displacement_um, before);
-        assert!((4000..4003).chain(6000..6006).all(|k| !record.counts(k)), "{:?}", record.left_out);
+        assert!(
+            (4000..4003).chain(6000..6006).all(|k| !record.counts(k)),
+            "{:?}",
+            record.left_out
+        );
         assert!(record.counted().count() > 8000 - 25);
     }
 
@@ -307,32 +442,67 @@ mod tests {
     #[test]
     fn what_another_record_of_the_tape_has_is_mended_there() {
         let mut whole = record();
-        [1000, 2260, 4411].iter().for_each(|k| whole.displacement_um[*k] += 2.0);
-        let part = |name: &str, window| Record { name: name.into(), window, ..whole.clone() };
+        [1000, 2260, 4411]
+            .iter()
+            .for_each(|k| whole.displacement_um[*k] += 2.0);
+        let part = |name: &str, window| Record {
+            name: name.into(),
+            window,
+            ..whole.clone()
+        };
         let found = |records: Vec<Record>| {
             let dataset = Dataset::unchecked("d", 0.0, 100.0, records);
-            let issues = single(&Subject { dataset: &dataset, moment: Moment::Made });
-            issues.into_iter().map(|issue| (issue.record.unwrap(), issue.samples)).collect::<Vec<_>>()
+            let issues = single(&Subject {
+                dataset: &dataset,
+                moment: Moment::Made,
+            });
+            issues
+                .into_iter()
+                .map(|issue| (issue.record.unwrap(), issue.samples))
+                .collect::<Vec<_>>()
         };
         let single_at = |samples: &[usize]| samples.iter().map(|k| *k..k + 1).collect::<Vec<_>>();
         let both = found(vec![part("one", 1500..3500), part("two", 3500..8000)]);
-        assert_eq!(both, [("one".into(), single_at(&[1000, 2260])), ("two".into(), single_at(&[1000, 4411]))]);
-        assert_eq!(found(vec![part("two", 3500..8000)]), [("two".into(), single_at(&[1000, 2260, 4411]))]);
+        assert_eq!(
+            both,
+            [
+                ("one".into(), single_at(&[1000, 2260])),
+                ("two".into(), single_at(&[1000, 4411]))
+            ]
+        );
+        assert_eq!(
+            found(vec![part("two", 3500..8000)]),
+            [("two".into(), single_at(&[1000, 2260, 4411]))]
+        );
     }
 
     #[test]
     fn where_readings_run_into_their_end_is_no_outlier() {
-        let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.003 * f64::from(k)).cos()).collect();
-        let displacement_um = drive_v.iter().map(|u| (0.1 * u + if *u > 90.0 { 0.2 } else { 0.0 }).min(9.1)).collect();
+        let drive_v: Vec<f64> = (0..6000)
+            .map(|k| 50.0 - 50.0 * (0.003 * f64::from(k)).cos())
+            .collect();
+        let displacement_um = drive_v
+            .iter()
+            .map(|u| (0.1 * u + if *u > 90.0 { 0.2 } else { 0.0 }).min(9.1))
+            .collect();
         let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
-        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
+        assert_eq!(
+            (checked(single, &mut record), checked(together, &mut record)),
+            (None, None)
+        );
     }
 
     #[test]
     fn coarse_readings_have_no_outliers() {
         let mut record = record();
-        record.displacement_um.iter_mut().for_each(|y| *y = (*y / 0.05).round() * 0.05);
-        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
+        record
+            .displacement_um
+            .iter_mut()
+            .for_each(|y| *y = (*y / 0.05).round() * 0.05);
+        assert_eq!(
+            (checked(single, &mut record), checked(together, &mut record)),
+            (None, None)
+        );
     }
 
     /// Noise of an eighth of a step, which seldom leaves its code: the codes beside it are readings as others
@@ -340,11 +510,20 @@ mod tests {
     #[test]
     fn a_code_beside_the_usual_one_is_no_disturbance() {
         let mut noise = WhiteNoise::new(0.3, 9);
-        let readings_um = (0..12_000).map(|_| 0.0024 * ((0.45 + noise.next_um()) / 2.4).round()).collect();
-        let mut record = Record::new("rest", 20_000.0, vec![0.0; 12_000], readings_um).with_role(Role::Noise);
+        let readings_um = (0..12_000)
+            .map(|_| 0.0024 * ((0.45 + noise.next_um()) / 2.4).round())
+            .collect();
+        let mut record =
+            Record::new("rest", 20_000.0, vec![0.0; 12_000], readings_um).with_role(Role::Noise);
         let before = record.displacement_um.clone();
-        assert!(before.iter().any(|um| *um != 0.0) && before.iter().filter(|um| **um != 0.0).count() < 600);
-        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
+        assert!(
+            before.iter().any(|um| *um != 0.0)
+                && before.iter().filter(|um| **um != 0.0).count() < 600
+        );
+        assert_eq!(
+            (checked(single, &mut record), checked(together, &mut record)),
+            (None, None)
+        );
         assert_eq!(record.displacement_um, before);
     }
 }

@@ -21,28 +21,45 @@ fn remembers_until_s(record: &Record) -> Option<[f64; 2]> {
     let (low, high) = extremes(&record.drive_v);
     let near = AT_AN_END * (high - low);
     let (bottom, top) = (low + near, high - near);
-    if record.initial_state != InitialState::Unknown || record.drive_v[0] <= bottom || record.drive_v[0] >= top {
+    if record.initial_state != InitialState::Unknown
+        || record.drive_v[0] <= bottom
+        || record.drive_v[0] >= top
+    {
         return None;
     }
     let first = |there: &dyn Fn(f64) -> bool| record.drive_v.iter().position(|v| there(*v));
     let swept = first(&|v| v <= bottom)?.max(first(&|v| v >= top)?);
     let remembered = swept.saturating_sub(record.window.start) as f64;
-    (remembered > REMEMBERED * record.window.len() as f64)
-        .then(|| [swept, record.window.end.saturating_sub(swept)].map(|samples| samples as f64 * record.dt_s()))
+    (remembered > REMEMBERED * record.window.len() as f64).then(|| {
+        [swept, record.window.end.saturating_sub(swept)]
+            .map(|samples| samples as f64 * record.dt_s())
+    })
 }
 
 /// Examines every record that is fitted or judges, where a model with loops stays above the noise.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    let Moment::End(end) = subject.moment else { return Vec::new() };
+    let Moment::End(end) = subject.moment else {
+        return Vec::new();
+    };
     if end.last.model.effect(gain::ID).is_some() || end.study.met(end.last) {
         return Vec::new();
     }
     let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);
     let issue = |record: &Record| {
         let [until_s, left_s] = remembers_until_s(record)?;
-        Some(Issue::of(&record.name, Severity::Notes, IssueKind::RememberedHistory { until_s, left_s }))
+        Some(Issue::of(
+            &record.name,
+            Severity::Notes,
+            IssueKind::RememberedHistory { until_s, left_s },
+        ))
     };
-    subject.dataset.records.iter().filter(judges).filter_map(issue).collect()
+    subject
+        .dataset
+        .records
+        .iter()
+        .filter(judges)
+        .filter_map(issue)
+        .collect()
 }
 
 #[cfg(test)]
@@ -64,9 +81,15 @@ mod tests {
         let (unknown, virgin) = (InitialState::Unknown, InitialState::Virgin);
         let growing = [5.0, 6.0, 4.0, 8.0, 2.0, 10.0, 0.0, 5.0];
         let [until_s, left_s] = remembers_until_s(&record(&growing, unknown)).unwrap();
-        assert!((0.59..0.6).contains(&until_s) && (until_s + left_s - 0.7).abs() < 1e-9, "{until_s} {left_s}");
+        assert!(
+            (0.59..0.6).contains(&until_s) && (until_s + left_s - 0.7).abs() < 1e-9,
+            "{until_s} {left_s}"
+        );
         // From an end, from a state that is known, behind a sweep.
-        assert_eq!(remembers_until_s(&record(&[0.0, 6.0, 4.0, 8.0, 2.0, 10.0], unknown)), None);
+        assert_eq!(
+            remembers_until_s(&record(&[0.0, 6.0, 4.0, 8.0, 2.0, 10.0], unknown)),
+            None
+        );
         assert_eq!(remembers_until_s(&record(&growing, virgin)), None);
         let mut swept_before = record(&growing, unknown);
         swept_before.window.start = 600;

@@ -9,7 +9,11 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::Made) {
         return Vec::new();
     }
-    let moves = |r: &Record| r.displacement_um[r.window.clone()].windows(2).any(|y| y[0] != y[1]);
+    let moves = |r: &Record| {
+        r.displacement_um[r.window.clone()]
+            .windows(2)
+            .any(|y| y[0] != y[1])
+    };
     // What is too short for a record is refused, and shows nothing.
     let silent = |r: &&Record| r.role == Role::Noise && r.window.len() >= SAMPLES_MIN && !moves(r);
     let silent: Vec<&Record> = subject.dataset.records.iter().filter(silent).collect();
@@ -17,6 +21,13 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         return Vec::new();
     }
     let in_steps = reading_grid::reading_step_um(subject.dataset).is_some();
-    let severity = if in_steps { Severity::Notes } else { Severity::Corrects };
-    silent.into_iter().map(|r| Issue::of(&r.name, severity, IssueKind::RestWithoutNoise { in_steps })).collect()
+    let severity = if in_steps {
+        Severity::Notes
+    } else {
+        Severity::Corrects
+    };
+    silent
+        .into_iter()
+        .map(|r| Issue::of(&r.name, severity, IssueKind::RestWithoutNoise { in_steps }))
+        .collect()
 }

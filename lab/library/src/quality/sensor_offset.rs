@@ -32,32 +32,48 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 }
 
 fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> Option<Vec<Issue>> {
-    let specified: Vec<usize> = study.split.both().into_iter().filter(|i| !study.dataset.records[*i].offset_is_fitted).collect();
-    let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
+    let specified: Vec<usize> = study
+        .split
+        .both()
+        .into_iter()
+        .filter(|i| !study.dataset.records[*i].offset_is_fitted)
+        .collect();
+    let explains =
+        |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
     let drifts = added.iter().any(|id| id == thermal_drift::ID);
     let misses = study.floor_um.is_some() && !explains(found);
     if specified.is_empty() || !(drifts || misses) || study.watch.stopped() {
         return None;
     }
-    study.watch.event(&WatchEvent::Doing("asking whether a sensor's zero is off"));
+    study
+        .watch
+        .event(&WatchEvent::Doing("asking whether a sensor's zero is off"));
     let mut free = study.dataset.clone();
-    free.records.iter_mut().for_each(|record| record.offset_is_fitted = true);
+    free.records
+        .iter_mut()
+        .for_each(|record| record.offset_is_fitted = true);
     let other = study.of(&free);
     let as_it_is = study.without(&found.model, thermal_drift::ID);
     let with_its_loops = with_the_structure_of(&as_it_is, &begun.model);
     let tried: Vec<Model> = std::iter::once(as_it_is).chain(with_its_loops).collect();
-    let quick = parallel::map(&tried, |model| other.quickly(model)).into_iter().min_by(|a, b| other.merit(a).total_cmp(&other.merit(b)))?;
+    let quick = parallel::map(&tried, |model| other.quickly(model))
+        .into_iter()
+        .min_by(|a, b| other.merit(a).total_cmp(&other.merit(b)))?;
     if other.merit(&quick) > study.merit(found) + MAY_COME_TO_IT {
         return None;
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
-    let brings_it_there = explains(&without) && other.merit(&without) < study.merit(found) - BROUGHT_BY_CONSTANTS;
+    let brings_it_there =
+        explains(&without) && other.merit(&without) < study.merit(found) - BROUGHT_BY_CONSTANTS;
     if rejects(study, &without, found) || (misses && !brings_it_there) {
         return None;
     }
     let as_specified = study.judged(without.model.clone());
     let issue = |i: &usize| {
-        let kind = IssueKind::SensorOffset { specified_um: rms(&as_specified.residuals[*i]), fitted_um: rms(&without.residuals[*i]) };
+        let kind = IssueKind::SensorOffset {
+            specified_um: rms(&as_specified.residuals[*i]),
+            fitted_um: rms(&without.residuals[*i]),
+        };
         Issue::of(&study.dataset.records[*i].name, Severity::Notes, kind)
     };
     Some(specified.iter().map(issue).collect())

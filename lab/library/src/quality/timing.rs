@@ -37,8 +37,12 @@ const LEADING_SHARE: f64 = 0.3;
 /// The displacement responds to the drive of the same row much better than that of the row before.
 fn leads(record: &Record) -> bool {
     let from = record.window.start.max(1);
-    let left_by =
-        |delay: usize| left_by_straight_line((from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k])));
+    let left_by = |delay: usize| {
+        left_by_straight_line(
+            (from..record.window.end)
+                .map(|k| (record.drive_v[k - delay], record.displacement_um[k])),
+        )
+    };
     left_by(0) < LEADING_SHARE * left_by(1)
 }
 
@@ -69,17 +73,28 @@ fn answered_in_their_row(record: &Record) -> Option<usize> {
     let range_v = crate::statistics::peak_to_peak(u);
     let jumps_at = |k: &usize| {
         let jump_v = (u[*k] - u[*k - 1]).abs();
-        let steps_v = u[*k - ROWS_BEFORE..*k].windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let steps_v = u[*k - ROWS_BEFORE..*k]
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]).abs());
         jump_v > LEAST_JUMP * range_v && steps_v.fold(0.0, f64::max) < QUIET_BEFORE * jump_v
     };
-    let jumps: Vec<usize> = (ROWS_BEFORE..u.len().saturating_sub(ROWS_BEHIND)).filter(jumps_at).collect();
+    let jumps: Vec<usize> = (ROWS_BEFORE..u.len().saturating_sub(ROWS_BEHIND))
+        .filter(jumps_at)
+        .collect();
     let answers = |k: &&usize| {
         let before = &y[**k - ROWS_BEFORE..**k];
         let (expected_um, std_um) = continued(before);
-        let goes_um =
-            y[**k..**k + ROWS_BEHIND].iter().map(|y| y - expected_um).fold(0.0, |far: f64, um| if um.abs() > far.abs() { um } else { far });
+        let goes_um = y[**k..**k + ROWS_BEHIND]
+            .iter()
+            .map(|y| y - expected_um)
+            .fold(
+                0.0,
+                |far: f64, um| if um.abs() > far.abs() { um } else { far },
+            );
         let off_um = [y[**k], y[**k + 1]].map(|y| (y - expected_um) * goes_um.signum());
-        off_um[0] > ANSWERED_Z * std_um && off_um[0] > ANSWERED_SHARE * goes_um.abs() && off_um[0] > ANSWERED_OF_NEXT * off_um[1]
+        off_um[0] > ANSWERED_Z * std_um
+            && off_um[0] > ANSWERED_SHARE * goes_um.abs()
+            && off_um[0] > ANSWERED_OF_NEXT * off_um[1]
     };
     let answered = jumps.iter().filter(answers).count();
     (answered > 0 && answered as f64 >= MOST_JUMPS * jumps.len() as f64).then_some(answered)
@@ -90,19 +105,36 @@ fn answered_in_their_row(record: &Record) -> Option<usize> {
 fn continued(readings_um: &[f64]) -> (f64, f64) {
     let n = readings_um.len() as f64;
     let (middle, mean_um) = ((n - 1.0) / 2.0, readings_um.iter().sum::<f64>() / n);
-    let along = |of: &dyn Fn(f64, f64) -> f64| readings_um.iter().enumerate().map(|(i, y)| of(i as f64 - middle, *y)).sum::<f64>();
+    let along = |of: &dyn Fn(f64, f64) -> f64| {
+        readings_um
+            .iter()
+            .enumerate()
+            .map(|(i, y)| of(i as f64 - middle, *y))
+            .sum::<f64>()
+    };
     let squares = along(&|x, _| x * x);
     let slope_um = along(&|x, y| x * y) / squares;
     let left = along(&|x, y| (y - mean_um - slope_um * x).powi(2));
     let ahead = n - middle;
-    (mean_um + slope_um * ahead, (left / (n - 2.0) * (1.0 + 1.0 / n + ahead * ahead / squares)).sqrt())
+    (
+        mean_um + slope_um * ahead,
+        (left / (n - 2.0) * (1.0 + 1.0 / n + ahead * ahead / squares)).sqrt(),
+    )
 }
 
 /// A record that shows by itself that its readings respond to the drive of their row.
 #[cfg(feature = "readers")]
 pub(crate) fn shown_by_readings(record: &Record) -> Option<Issue> {
-    let jumps = if leads(record) { None } else { Some(answered_in_their_row(record)?) };
-    Some(Issue::of(&record.name, Severity::Corrects, IssueKind::TimingInReadings { jumps }))
+    let jumps = if leads(record) {
+        None
+    } else {
+        Some(answered_in_their_row(record)?)
+    };
+    Some(Issue::of(
+        &record.name,
+        Severity::Corrects,
+        IssueKind::TimingInReadings { jumps },
+    ))
 }
 
 /// A straight line shows the timing of the same row, and another one was specified.
@@ -110,8 +142,14 @@ pub(super) fn leads_the_drive(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::Made) {
         return Vec::new();
     }
-    let driven = subject.dataset.records.iter().filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
-    driven.map(|r| Issue::of(&r.name, Severity::Notes, IssueKind::LeadsTheDrive {})).collect()
+    let driven = subject
+        .dataset
+        .records
+        .iter()
+        .filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
+    driven
+        .map(|r| Issue::of(&r.name, Severity::Notes, IssueKind::LeadsTheDrive {}))
+        .collect()
 }
 
 /// Tries the other timing beside a model, where nobody specified one.
@@ -122,13 +160,24 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
         Moment::PriorModel(study, model) => of_a_prior_model(study, model).into_iter().collect(),
         // An effect of the user's that gives no number with the other timing shows nothing about it.
-        Moment::End(end) => compare(end.study, end.last, end.added).ok().flatten().into_iter().collect(),
+        Moment::End(end) => compare(end.study, end.last, end.added)
+            .ok()
+            .flatten()
+            .into_iter()
+            .collect(),
         _ => Vec::new(),
     }
 }
 
 fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue {
-    Issue::of_all(Severity::Blocks, IssueKind::SameSampleTiming { not_needed, assumed_um, same_sample_um })
+    Issue::of_all(
+        Severity::Blocks,
+        IssueKind::SameSampleTiming {
+            not_needed,
+            assumed_um,
+            same_sample_um,
+        },
+    )
 }
 
 /// Tries a model without the modes among the effects that were added to it, and a model that explains too
@@ -137,29 +186,56 @@ fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue
 /// # Errors
 /// As [`Study::begun_again`].
 fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Issue>> {
-    let unexplained = study.floor_um.is_some() && !found.within(study.policy.explained, &study.floors_um, &study.split);
+    let unexplained = study.floor_um.is_some()
+        && !found.within(study.policy.explained, &study.floors_um, &study.split);
     let as_it_is = (unexplained && !added.is_empty()).then(Vec::new);
-    let asked: Vec<Vec<&String>> = modes_to_do_without(study, found, added).into_iter().chain(as_it_is).collect();
+    let asked: Vec<Vec<&String>> = modes_to_do_without(study, found, added)
+        .into_iter()
+        .chain(as_it_is)
+        .collect();
     if asked.is_empty() || study.watch.stopped() {
         return Ok(None);
     }
-    study.watch.event(&WatchEvent::Doing("trying the timing of the same row"));
+    study
+        .watch
+        .event(&WatchEvent::Doing("trying the timing of the same row"));
     let shifted = study.dataset.in_own_rows();
     let other = study.of(&shifted);
     let fitted = parallel::map(&asked, |modes| {
-        let begin = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
+        let begin = modes
+            .iter()
+            .fold(found.model.clone(), |model, id| study.without(&model, id));
         other.quickly_within(&begin, study.merit(found), FAR_BEHIND)
     });
-    let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
-    let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
-    let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };
+    let best = fitted
+        .into_iter()
+        .zip(&asked)
+        .min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
+    let Some((without, modes)) =
+        best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT)
+    else {
+        return Ok(None);
+    };
+    let most = study.merit(found)
+        + if modes.is_empty() {
+            -MUCH_BETTER
+        } else {
+            AS_WELL
+        };
     let fitted = other.for_comparison(&without.model);
     if other.merit(&fitted) > most + MAY_COME_TO_IT_BEGUN_AGAIN {
         return Ok(None);
     }
     let without = other.judged(other.begun_again(&fitted)?.model);
-    let gone = |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
-    Ok((other.merit(&without) <= most).then(|| issue(added.iter().filter(gone).cloned().collect(), found.error_um(), without.error_um())))
+    let gone =
+        |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
+    Ok((other.merit(&without) <= most).then(|| {
+        issue(
+            added.iter().filter(gone).cloned().collect(),
+            found.error_um(),
+            without.error_um(),
+        )
+    }))
 }
 
 /// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less
@@ -177,15 +253,35 @@ fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
 
 /// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each
 /// alone.
-fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -> Vec<Vec<&'a String>> {
-    let fastest_hz = study.dataset.records.iter().map(|r| r.sample_rate_hz).fold(0.0, f64::max);
+fn modes_to_do_without<'a>(
+    study: &Study,
+    found: &Judged,
+    added: &'a [String],
+) -> Vec<Vec<&'a String>> {
+    let fastest_hz = study
+        .dataset
+        .records
+        .iter()
+        .map(|r| r.sample_rate_hz)
+        .fold(0.0, f64::max);
     let limit_rad_s = AS_FAST_AS_CAN_BE_SHOWN * std::f64::consts::PI * fastest_hz;
     let swings_above = |id: &str, limit_rad_s: f64| {
-        let motions = found.model.effect(id).map_or_else(Vec::new, |e| e.effect.free_motions(&found.model, &e.values()));
-        motions.iter().any(|motion| motion.frequency_rad_s > limit_rad_s)
+        let motions = found.model.effect(id).map_or_else(Vec::new, |e| {
+            e.effect.free_motions(&found.model, &e.values())
+        });
+        motions
+            .iter()
+            .any(|motion| motion.frequency_rad_s > limit_rad_s)
     };
-    let too_fast: Vec<&String> = added.iter().filter(|id| swings_above(id, limit_rad_s)).collect();
-    let mut out: Vec<Vec<&String>> = added.iter().filter(|id| swings_above(id, 0.0)).map(|id| vec![id]).collect();
+    let too_fast: Vec<&String> = added
+        .iter()
+        .filter(|id| swings_above(id, limit_rad_s))
+        .collect();
+    let mut out: Vec<Vec<&String>> = added
+        .iter()
+        .filter(|id| swings_above(id, 0.0))
+        .map(|id| vec![id])
+        .collect();
     if too_fast.len() > 1 {
         out.push(too_fast);
     }
@@ -195,7 +291,9 @@ fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -
 /// Sum of squares about the regression line.
 fn left_by_straight_line(pairs: impl ExactSizeIterator<Item = (f64, f64)> + Clone) -> f64 {
     let n = pairs.len().max(1) as f64;
-    let (mean_x, mean_y) = pairs.clone().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mean_x, mean_y) = pairs
+        .clone()
+        .fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for (x, y) in pairs.map(|p| (p.0 - mean_x, p.1 - mean_y)) {
         xx += x * x;
@@ -213,10 +311,12 @@ mod tests {
     /// alone.
     #[test]
     fn a_reading_that_moves_in_the_row_of_a_jump_was_taken_behind_it() {
-        let noise = |k: usize| 0.002 * (k as f64 * 78.233).sin() + 0.002 * (k as f64 * 12.9898).cos();
+        let noise =
+            |k: usize| 0.002 * (k as f64 * 78.233).sin() + 0.002 * (k as f64 * 12.9898).cos();
         let drive = |k: usize| 10.0 * ((k / 200) * 7 % 10) as f64;
         let read = |after: usize| {
-            let (mut um, mut velocity, mut play, w) = (0.0, 0.0, 0.0_f64, std::f64::consts::TAU * 300.0);
+            let (mut um, mut velocity, mut play, w) =
+                (0.0, 0.0, 0.0_f64, std::f64::consts::TAU * 300.0);
             let mut readings = Vec::new();
             for k in 0..4000 {
                 if after == 0 {
@@ -224,7 +324,8 @@ mod tests {
                 }
                 play = play.clamp(drive(k) - 10.0, drive(k) + 10.0);
                 for _ in 0..50 {
-                    velocity += 4e-6 * (w * w * (0.07 * drive(k) + 0.03 * play - um) - 0.3 * w * velocity);
+                    velocity +=
+                        4e-6 * (w * w * (0.07 * drive(k) + 0.03 * play - um) - 0.3 * w * velocity);
                     um += 4e-6 * velocity;
                 }
                 if after == 1 {
@@ -239,12 +340,27 @@ mod tests {
         // Rows on even times that hold some of the next one.
         let smeared = |share: f64| {
             let y = read(0).displacement_um;
-            let of_next = (0..y.len()).map(|k| y[k] + share * (y[(k + 1).min(y.len() - 1)] - y[k])).collect();
-            answered_in_their_row(&Record::new("even", 5000.0, (0..4000).map(drive).collect(), of_next))
+            let of_next = (0..y.len())
+                .map(|k| y[k] + share * (y[(k + 1).min(y.len() - 1)] - y[k]))
+                .collect();
+            answered_in_their_row(&Record::new(
+                "even",
+                5000.0,
+                (0..4000).map(drive).collect(),
+                of_next,
+            ))
         };
         assert_eq!([0.05, 0.2, 0.4].map(smeared), [None; 3]);
-        let unanswered = Record::new("noise", 5000.0, (0..4000).map(drive).collect(), (0..4000).map(noise).collect());
+        let unanswered = Record::new(
+            "noise",
+            5000.0,
+            (0..4000).map(drive).collect(),
+            (0..4000).map(noise).collect(),
+        );
         assert_eq!(answered_in_their_row(&unanswered), None);
-        assert_eq!(shown_by_readings(&read(1)).unwrap().kind, IssueKind::TimingInReadings { jumps: Some(19) });
+        assert_eq!(
+            shown_by_readings(&read(1)).unwrap().kind,
+            IssueKind::TimingInReadings { jumps: Some(19) }
+        );
     }
 }

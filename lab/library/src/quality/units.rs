@@ -26,14 +26,23 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         let kind = if !(LIKELY_SPAN_MIN_UM..=LIKELY_SPAN_MAX_UM).contains(&span_um) {
             IssueKind::DisplacementUnit { span_um }
         } else if record.sample_rate_hz < LIKELY_RATE_MIN_HZ {
-            IssueKind::TimeUnit { period_s: record.dt_s() }
+            IssueKind::TimeUnit {
+                period_s: record.dt_s(),
+            }
         } else {
             return None;
         };
         Some(Issue::of(&record.name, Severity::Notes, kind))
     };
     let gain_um_v = subject.dataset.straight_line_gain();
-    let of_all =
-        (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v)).then(|| Issue::of_all(Severity::Notes, IssueKind::Gain { gain_um_v }));
-    subject.dataset.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).chain(of_all).collect()
+    let of_all = (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v))
+        .then(|| Issue::of_all(Severity::Notes, IssueKind::Gain { gain_um_v }));
+    subject
+        .dataset
+        .records
+        .iter()
+        .filter(|r| r.role != Role::Noise)
+        .filter_map(doubt)
+        .chain(of_all)
+        .collect()
 }

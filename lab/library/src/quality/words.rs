@@ -7,7 +7,10 @@ use crate::diagnosis::words::{figure, list, nm};
 #[must_use]
 pub fn sentence(issue: &Issue) -> String {
     let what = of_kind(&issue.kind);
-    issue.record.as_ref().map_or_else(|| what.clone(), |record| format!("{record}: {what}"))
+    issue
+        .record
+        .as_ref()
+        .map_or_else(|| what.clone(), |record| format!("{record}: {what}"))
 }
 
 /// A kind as a sentence without its full stop.

@@ -10,9 +10,13 @@
 use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, PhysicalDescription, read, verify, write};
+use hysteron_core::parameter_block::{
+    AmplifierParameters, BLOCK_BYTES, BlockError, PhysicalDescription, read, verify, write,
+};
 use hysteron_core::sensor_lag::SensorLag;
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
+use hysteron_core::servo_parameters::{
+    ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters,
+};
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
@@ -91,21 +95,41 @@ impl FrontEnd {
     /// # Errors
     /// When a field is wrong.
     pub fn from_toml(text: &str, place: &str) -> Result<Self> {
-        let this: Self = toml::from_str(text).map_err(|error| Error::new(place, error.message()))?;
-        let ordered = this.sensor_min_um < this.sensor_max_um && this.drive_at_lowest_code_v < this.drive_beyond_highest_code_v;
+        let this: Self =
+            toml::from_str(text).map_err(|error| Error::new(place, error.message()))?;
+        let ordered = this.sensor_min_um < this.sensor_max_um
+            && this.drive_at_lowest_code_v < this.drive_beyond_highest_code_v;
         if !ordered {
             return Err(Error::new(place, "a lowest value is not below its highest"));
         }
-        for (name, bits) in [("sensor_bits", this.sensor_bits), ("drive_bits", this.drive_bits)] {
+        for (name, bits) in [
+            ("sensor_bits", this.sensor_bits),
+            ("drive_bits", this.drive_bits),
+        ] {
             if !(LEAST_BITS..=MOST_BITS).contains(&bits) {
-                return Err(Error::new(place, format!("{name} = {bits}: expected {LEAST_BITS} to {MOST_BITS}")));
+                return Err(Error::new(
+                    place,
+                    format!("{name} = {bits}: expected {LEAST_BITS} to {MOST_BITS}"),
+                ));
             }
         }
         if !SAMPLE_RATES_HZ.contains(&this.sample_rate_hz) {
-            return Err(Error::new(place, format!("sample_rate_hz = {}: expected one of {SAMPLE_RATES_HZ:?}", this.sample_rate_hz)));
+            return Err(Error::new(
+                place,
+                format!(
+                    "sample_rate_hz = {}: expected one of {SAMPLE_RATES_HZ:?}",
+                    this.sample_rate_hz
+                ),
+            ));
         }
         if !(this.slew_v_s > 0.0 && this.slew_v_s <= MOST_SLEW_V_S) {
-            return Err(Error::new(place, format!("slew_v_s = {}: expected more than 0, at most {MOST_SLEW_V_S:.0}", this.slew_v_s)));
+            return Err(Error::new(
+                place,
+                format!(
+                    "slew_v_s = {}: expected more than 0, at most {MOST_SLEW_V_S:.0}",
+                    this.slew_v_s
+                ),
+            ));
         }
         Ok(this)
     }
@@ -118,7 +142,9 @@ impl FrontEnd {
 
     /// Ticks of a time, s, in a field of 16 bits.
     fn ticks(&self, seconds: f64) -> u16 {
-        (seconds * f64::from(self.sample_rate_hz)).round().clamp(0.0, 65_535.0) as u16
+        (seconds * f64::from(self.sample_rate_hz))
+            .round()
+            .clamp(0.0, 65_535.0) as u16
     }
 
     /// The scale of the converters for an actuator with these limits of its drive.
@@ -126,10 +152,12 @@ impl FrontEnd {
     pub fn scale(&self, drive_min_v: f64, drive_max_v: f64) -> ConverterScale {
         ConverterScale {
             adc_zero_um: self.sensor_min_um,
-            adc_lsb_um: (self.sensor_max_um - self.sensor_min_um) / 2f64.powi(i32::from(self.sensor_bits)),
+            adc_lsb_um: (self.sensor_max_um - self.sensor_min_um)
+                / 2f64.powi(i32::from(self.sensor_bits)),
             adc_bits: self.sensor_bits,
             dac_zero_v: self.drive_at_lowest_code_v,
-            dac_lsb_v: (self.drive_beyond_highest_code_v - self.drive_at_lowest_code_v) / 2f64.powi(i32::from(self.drive_bits)),
+            dac_lsb_v: (self.drive_beyond_highest_code_v - self.drive_at_lowest_code_v)
+                / 2f64.powi(i32::from(self.drive_bits)),
             dac_bits: self.drive_bits,
             drive_min_v,
             drive_max_v,
@@ -145,14 +173,22 @@ fn step_speed(mode: &ModeModel) -> f64 {
 }
 
 /// The converters' integers, with the slew limit in codes.
-fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Result<ConverterParameters> {
+fn converters(
+    front_end: &FrontEnd,
+    drive_min_v: f64,
+    drive_max_v: f64,
+) -> Result<ConverterParameters> {
     let lowest_v = front_end.drive_at_lowest_code_v;
     // The last code is one step below.
     let codes = 2f64.powi(i32::from(front_end.drive_bits));
-    let beyond_v = front_end.drive_beyond_highest_code_v - (front_end.drive_beyond_highest_code_v - lowest_v) / codes;
+    let beyond_v = front_end.drive_beyond_highest_code_v
+        - (front_end.drive_beyond_highest_code_v - lowest_v) / codes;
     if drive_min_v < lowest_v || drive_max_v > beyond_v {
         let limits = format!("{drive_min_v} to {drive_max_v} V");
-        return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
+        return Err(Error::new(
+            "front end",
+            format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}"),
+        ));
     }
     let scale = front_end.scale(drive_min_v, drive_max_v);
     let slew = front_end.slew_v_s * front_end.period_s() / scale.dac_lsb_v;
@@ -160,20 +196,32 @@ fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Resul
         let least = scale.dac_lsb_v / front_end.period_s();
         return Err(Error::new(
             "front end",
-            format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
+            format!(
+                "slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s",
+                front_end.slew_v_s
+            ),
         ));
     }
-    Ok(ConverterParameters { slew_codes: slew.min(f64::from(NO_SLEW_LIMIT)) as u32, ..scale.parameters() })
+    Ok(ConverterParameters {
+        slew_codes: slew.min(f64::from(NO_SLEW_LIMIT)) as u32,
+        ..scale.parameters()
+    })
 }
 
 /// What the integers stand for; `radius` is the largest magnitude of the closed loop's eigenvalues.
-fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64) -> PhysicalDescription {
+fn physical(
+    front_end: &FrontEnd,
+    converters: &ConverterParameters,
+    radius: f64,
+) -> PhysicalDescription {
     let mut name = [0u8; 16];
     for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
         *to = from;
     }
     let drive_mv = |code: DriveCode| {
-        let drive_v = (f64::from(converters.dac_zero) + f64::from(code) * converters.dac_step as f64 / 65_536.0) / 2f64.powi(22);
+        let drive_v = (f64::from(converters.dac_zero)
+            + f64::from(code) * converters.dac_step as f64 / 65_536.0)
+            / 2f64.powi(22);
         (drive_v * 1e3).round() as i32
     };
     PhysicalDescription {
@@ -182,14 +230,22 @@ fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64)
         drive_min_mv: drive_mv(converters.dac_code_min),
         drive_max_mv: drive_mv(converters.dac_code_max),
         slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
-        sensor_span_nm: (converters.adc_step as f64 / 2f64.powi(40 - i32::from(converters.adc_bits)) * 1e3).round() as i32,
+        sensor_span_nm: (converters.adc_step as f64
+            / 2f64.powi(40 - i32::from(converters.adc_bits))
+            * 1e3)
+            .round() as i32,
         spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
     }
 }
 
 /// The guard's limits; the largest honest change of the sensor, codes, and tracking error, um with 24
 /// fraction bits, are the model's.
-fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32, tracking_error: i32) -> GuardParameters {
+fn guard(
+    front_end: &FrontEnd,
+    converters: &ConverterParameters,
+    jump_codes: u32,
+    tracking_error: i32,
+) -> GuardParameters {
     let drive_codes = converters.dac_code_max.abs_diff(converters.dac_code_min);
     let rail = (RAIL_CODES << converters.adc_bits >> 16).max(1);
     GuardParameters {
@@ -199,7 +255,9 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
         jump_codes,
         tracking_error,
         tracking_ticks: front_end.ticks(front_end.tracking_s),
-        ramp_codes: (drive_codes / u32::from(front_end.ticks(front_end.ramp_s)).max(1)).max(1).min(converters.slew_codes),
+        ramp_codes: (drive_codes / u32::from(front_end.ticks(front_end.ramp_s)).max(1))
+            .max(1)
+            .min(converters.slew_codes),
         rest_code: converters.dac_code_min,
         healthy_ticks: front_end.ticks(front_end.healthy_s),
     }
@@ -210,30 +268,48 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
 /// # Errors
 /// When the design has no known eigenvalues, does not fit its formats, or the target would refuse the block:
 /// the drive's limits beyond the converter, or a loop that is not stable when sampled.
-pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Result<AmplifierParameters> {
+pub fn amplifier_parameters(
+    design: &ServoDesign,
+    front_end: &FrontEnd,
+) -> Result<AmplifierParameters> {
     let Some(law) = design.law() else {
-        return Err(Error::new("parameter block", "is made for a law that acts one period after its reading and has sampled eigenvalues"));
+        return Err(Error::new(
+            "parameter block",
+            "is made for a law that acts one period after its reading and has sampled eigenvalues",
+        ));
     };
     let model = &design.model;
     if model.linear.period_s != front_end.period_s() {
-        let rates = [model.linear.period_s, front_end.period_s()].map(|period_s| (1.0 / period_s).round());
-        return Err(Error::new("front end", format!("samples at {} Hz; the servo was designed for {} Hz", rates[1], rates[0])));
+        let rates =
+            [model.linear.period_s, front_end.period_s()].map(|period_s| (1.0 / period_s).round());
+        return Err(Error::new(
+            "front end",
+            format!(
+                "samples at {} Hz; the servo was designed for {} Hz",
+                rates[1], rates[0]
+            ),
+        ));
     }
     let radius = law.spectral_radius(&model.linear.sampled(), 1.0, 0);
     let converters = converters(front_end, model.drive_min_v, model.drive_max_v)?;
-    let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
+    let servo = design
+        .parameters(converters)
+        .map_err(|error| Error::new("design", error.to_string()))?;
     let step_um = converters.adc_step as f64 / 2f64.powi(40);
     let range_um = model.mean_gain_um_v() * (model.drive_max_v - model.drive_min_v);
     let mode = &model.linear.first_mode;
     let fastest_um_s = step_speed(mode) * mode.natural_frequency_rad_s * range_um;
-    let jump_codes = (fastest_um_s * model.linear.period_s / step_um).ceil().clamp(1.0, f64::from(NO_SLEW_LIMIT)) as u32;
+    let jump_codes = (fastest_um_s * model.linear.period_s / step_um)
+        .ceil()
+        .clamp(1.0, f64::from(NO_SLEW_LIMIT)) as u32;
     let tracking_error = (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32;
     let parameters = AmplifierParameters {
         physical: physical(front_end, &converters, radius),
         servo,
         guard: guard(front_end, &converters, jump_codes, tracking_error),
     };
-    verify(&parameters, front_end.sample_rate_hz).map_err(|error| Error::new("parameter block", error.reason()))?;
+    verify(&parameters, front_end.sample_rate_hz)
+        .map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
 }
 
@@ -242,7 +318,11 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
 ///
 /// # Errors
 /// The drive's limits are beyond the converter, or the slew limit is below a code in a tick.
-pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Result<AmplifierParameters> {
+pub fn wiring_parameters(
+    front_end: &FrontEnd,
+    drive_min_v: f64,
+    drive_max_v: f64,
+) -> Result<AmplifierParameters> {
     let converters = converters(front_end, drive_min_v, drive_max_v)?;
     let parameters = AmplifierParameters {
         physical: physical(front_end, &converters, 0.0),
@@ -257,7 +337,8 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
         },
         guard: guard(front_end, &converters, NO_SLEW_LIMIT, i32::MAX),
     };
-    verify(&parameters, front_end.sample_rate_hz).map_err(|error| Error::new("parameter block", error.reason()))?;
+    verify(&parameters, front_end.sample_rate_hz)
+        .map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
 }
 
@@ -267,7 +348,9 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
 /// What every board would refuse.
 pub fn read_block(bytes: &[u8]) -> std::result::Result<AmplifierParameters, BlockError> {
     match read(bytes, USUAL_SAMPLE_RATE_HZ) {
-        Err(BlockError::SampleRate(rate_hz)) if SAMPLE_RATES_HZ.contains(&rate_hz) => read(bytes, rate_hz),
+        Err(BlockError::SampleRate(rate_hz)) if SAMPLE_RATES_HZ.contains(&rate_hz) => {
+            read(bytes, rate_hz)
+        }
         other => other,
     }
 }
@@ -278,7 +361,8 @@ pub fn read_block(bytes: &[u8]) -> std::result::Result<AmplifierParameters, Bloc
 /// Never for parameters that [`amplifier_parameters`] made.
 pub fn block(parameters: &AmplifierParameters) -> Result<Vec<u8>> {
     let mut bytes = vec![0xff; BLOCK_BYTES];
-    let length = write(parameters, &mut bytes).map_err(|error| Error::new("parameter block", error.reason()))?;
+    let length = write(parameters, &mut bytes)
+        .map_err(|error| Error::new("parameter block", error.reason()))?;
     bytes.truncate(length);
     Ok(bytes)
 }
@@ -300,22 +384,42 @@ mod tests {
     #[test]
     fn the_speed_of_a_step_is_that_of_the_closed_form() {
         // Undamped: x = 1 - cos(t); critically damped: x' = t exp(-t), at most exp(-1).
-        let speed = |damping_ratio| step_speed(&ModeModel { natural_frequency_rad_s: 1.0, damping_ratio });
+        let speed = |damping_ratio| {
+            step_speed(&ModeModel {
+                natural_frequency_rad_s: 1.0,
+                damping_ratio,
+            })
+        };
         assert!((speed(1e-9) - 1.0).abs() < 1e-6);
         assert!((speed(0.999) - (-1.0f64).exp()).abs() < 1e-3);
     }
 
     #[test]
     fn a_block_without_a_servo_is_one_that_a_board_takes() {
-        let bytes = block(&wiring_parameters(&FrontEnd::default(), 0.0, 80.0).expect("fits")).expect("fits");
+        let bytes = block(&wiring_parameters(&FrontEnd::default(), 0.0, 80.0).expect("fits"))
+            .expect("fits");
         let read = read_block(&bytes).expect("valid");
-        assert_eq!((read.servo.law, read.guard.rest_code), (LawParameters::Hold, read.servo.converters.dac_code_min));
+        assert_eq!(
+            (read.servo.law, read.guard.rest_code),
+            (LawParameters::Hold, read.servo.converters.dac_code_min)
+        );
         assert!((i64::from(read.physical.drive_max_mv) - 80_000).abs() < 3);
-        let fast = FrontEnd { sample_rate_hz: 100_000, ..FrontEnd::default() };
+        let fast = FrontEnd {
+            sample_rate_hz: 100_000,
+            ..FrontEnd::default()
+        };
         let of_fast = wiring_parameters(&fast, 0.0, 80.0).expect("fits");
         assert_eq!(read_block(&block(&of_fast).expect("fits")), Ok(of_fast));
-        assert_eq!((of_fast.guard.healthy_ticks, of_fast.servo.converters.slew_codes), (10_000, read.servo.converters.slew_codes / 5));
-        let beyond = wiring_parameters(&FrontEnd::default(), 0.0, 150.0).expect_err("beyond the converter").to_string();
+        assert_eq!(
+            (
+                of_fast.guard.healthy_ticks,
+                of_fast.servo.converters.slew_codes
+            ),
+            (10_000, read.servo.converters.slew_codes / 5)
+        );
+        let beyond = wiring_parameters(&FrontEnd::default(), 0.0, 150.0)
+            .expect_err("beyond the converter")
+            .to_string();
         assert!(beyond.contains("150"), "{beyond}");
     }
 
@@ -330,10 +434,18 @@ mod tests {
             ("name = 3", "invalid type"),
             ("slew_v_s = 0.0", "more than 0"),
         ] {
-            let problem = FrontEnd::from_toml(text, "front_end.toml").expect_err(text).to_string();
+            let problem = FrontEnd::from_toml(text, "front_end.toml")
+                .expect_err(text)
+                .to_string();
             assert!(problem.contains(part), "{problem}");
         }
         let read = FrontEnd::from_toml("name = \"p753\"", "front_end.toml").expect("read");
-        assert_eq!(read, FrontEnd { name: "p753".into(), ..FrontEnd::default() });
+        assert_eq!(
+            read,
+            FrontEnd {
+                name: "p753".into(),
+                ..FrontEnd::default()
+            }
+        );
     }
 }

@@ -20,7 +20,10 @@ pub struct HysteresisChange {
 
 impl HysteresisChange {
     /// As the chain has it.
-    pub const NONE: Self = Self { gain: 1.0, wider: 0.0 };
+    pub const NONE: Self = Self {
+        gain: 1.0,
+        wider: 0.0,
+    };
 }
 
 /// Samples of a drive over the range and back, from which the mean gain is taken.
@@ -29,13 +32,22 @@ const RANGE_SAMPLES: usize = 400;
 /// Displacement over drive from end to end of the largest loop, um/V.
 fn end_to_end_um_v(chain: &Model) -> f64 {
     let mut hysteresis = chain.clone();
-    hysteresis.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis);
+    hysteresis
+        .effects
+        .retain(|e| e.effect.declaration().place == Place::Hysteresis);
     let (low, range) = (chain.drive_min_v, chain.drive_max_v - chain.drive_min_v);
     let up = || (0..=RANGE_SAMPLES).map(|k| k as f64 / RANGE_SAMPLES as f64);
     // A reading shows the drive before it, so both ends are held for a sample.
-    let shares = up().chain([1.0]).chain(up().map(|share| 1.0 - share)).chain([0.0]);
+    let shares = up()
+        .chain([1.0])
+        .chain(up().map(|share| 1.0 - share))
+        .chain([0.0]);
     let drive_v: Vec<f64> = shares.map(|share| low + range * share).collect();
-    let y = hysteresis.simulate(&Drive::held(&drive_v, SAMPLING_PERIOD_S, InitialState::Virgin));
+    let y = hysteresis.simulate(&Drive::held(
+        &drive_v,
+        SAMPLING_PERIOD_S,
+        InitialState::Virgin,
+    ));
     (y[RANGE_SAMPLES + 1] - y[y.len() - 1]) / range
 }
 
@@ -62,28 +74,59 @@ impl<'a> ChainPlant<'a> {
     /// The same with another hysteresis.
     #[must_use]
     pub fn changed(chain: &Model, change: HysteresisChange, low_v: f64, period_s: f64) -> Self {
-        let setting =
-            Setting { substeps: SUBSTEPS, ..Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, period_s / SUBSTEPS as f64) };
-        let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
-            stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
-            (place, (place >= Place::SensorNonlinearity, stage))
-        });
+        let setting = Setting {
+            substeps: SUBSTEPS,
+            ..Setting::of_held_drive(
+                chain.drive_min_v,
+                chain.drive_max_v,
+                period_s / SUBSTEPS as f64,
+            )
+        };
+        let stages =
+            position_and_reading_apart(chain, &setting)
+                .into_iter()
+                .map(|(place, mut stage)| {
+                    stage.settle(if place <= Place::Hysteresis {
+                        low_v
+                    } else {
+                        0.0
+                    });
+                    (place, (place >= Place::SensorNonlinearity, stage))
+                });
         let (places, stages): (Vec<Place>, Vec<_>) = stages.unzip();
-        let of_hysteresis = places.partition_point(|p| *p < Place::Hysteresis)..places.partition_point(|p| *p <= Place::Hysteresis);
+        let of_hysteresis = places.partition_point(|p| *p < Place::Hysteresis)
+            ..places.partition_point(|p| *p <= Place::Hysteresis);
         let is_changed = change != HysteresisChange::NONE && !of_hysteresis.is_empty();
         let hysteresis = is_changed.then(|| (of_hysteresis, change, end_to_end_um_v(chain), low_v));
-        let force_at = places.iter().position(|place| *place > Place::LoadForce).unwrap_or(places.len());
-        Self { stages, hysteresis, force_at, interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
+        let force_at = places
+            .iter()
+            .position(|place| *place > Place::LoadForce)
+            .unwrap_or(places.len());
+        Self {
+            stages,
+            hysteresis,
+            force_at,
+            interval: 0,
+            displacement_um: 0.0,
+            sensor_um: 0.0,
+        }
     }
 }
 
 /// The stages of a chain in their order, the sensor's lag by itself: a mode takes it in, which is exact over
 /// a long interval and leaves nothing of the position that the sensor reads.
-fn position_and_reading_apart<'a>(chain: &Model, setting: &Setting<'a>) -> Vec<(Place, Box<dyn Stage + 'a>)> {
+fn position_and_reading_apart<'a>(
+    chain: &Model,
+    setting: &Setting<'a>,
+) -> Vec<(Place, Box<dyn Stage + 'a>)> {
     let stages_of = |of_the_lag: bool| {
         let mut part = chain.clone();
-        part.effects.retain(|e| (e.id == sensor_bandwidth::ID) == of_the_lag);
-        let stages = part.stages(setting).into_iter().map(|(i, stage)| (part.effects[i].effect.declaration().place, stage));
+        part.effects
+            .retain(|e| (e.id == sensor_bandwidth::ID) == of_the_lag);
+        let stages = part
+            .stages(setting)
+            .into_iter()
+            .map(|(i, stage)| (part.effects[i].effect.declaration().place, stage));
         stages.collect::<Vec<_>>()
     };
     let mut out = stages_of(false);
@@ -102,11 +145,19 @@ impl Plant for ChainPlant<'_> {
                     signal += external_um;
                     self.displacement_um = signal;
                 }
-                if self.hysteresis.as_ref().is_some_and(|(stages, ..)| stages.start == at) {
+                if self
+                    .hysteresis
+                    .as_ref()
+                    .is_some_and(|(stages, ..)| stages.start == at)
+                {
                     into_hysteresis_v = signal;
                 }
                 signal = stage.step(self.interval, signal);
-                if let Some((_, change, line_um_v, low_v)) = self.hysteresis.as_ref().filter(|(stages, ..)| stages.end == at + 1) {
+                if let Some((_, change, line_um_v, low_v)) = self
+                    .hysteresis
+                    .as_ref()
+                    .filter(|(stages, ..)| stages.end == at + 1)
+                {
                     let off_the_line_um = signal - line_um_v * (into_hysteresis_v - low_v);
                     signal = change.gain * (signal + change.wider * off_the_line_um);
                 }
@@ -144,7 +195,11 @@ mod tests {
     fn a_changed_hysteresis_has_its_gain_and_its_width() {
         let overview = Overview::without_data(0.0, 100.0);
         let mut chain = Model::new(0.0, 100.0);
-        chain.add(EffectInstance::new(by_id("hysteresis").unwrap(), &overview, &[9.0, 1.0, -2.0]));
+        chain.add(EffectInstance::new(
+            by_id("hysteresis").unwrap(),
+            &overview,
+            &[9.0, 1.0, -2.0],
+        ));
         // Up, down, and up to the middle: behind the loop over the whole range.
         let drive_v = |k: usize| [0.0, 100.0, 50.0, 0.0, 50.0, 100.0][k];
         let positions = |change: HysteresisChange| {
@@ -161,10 +216,19 @@ mod tests {
         };
         let of = |at: &[f64]| (at[0] - at[2], at[1] - at[3]);
         let (travel, opening) = of(&positions(HysteresisChange::NONE));
-        let (wider_travel, wider_opening) = of(&positions(HysteresisChange { gain: 1.0, wider: 0.2 }));
+        let (wider_travel, wider_opening) = of(&positions(HysteresisChange {
+            gain: 1.0,
+            wider: 0.2,
+        }));
         assert!(opening > 0.01 * travel, "{opening} {travel}");
-        assert!((wider_travel / travel - 1.0).abs() < 1e-6 && (wider_opening / opening - 1.2).abs() < 1e-6);
-        let (stronger, _) = of(&positions(HysteresisChange { gain: 1.2, wider: 0.0 }));
+        assert!(
+            (wider_travel / travel - 1.0).abs() < 1e-6
+                && (wider_opening / opening - 1.2).abs() < 1e-6
+        );
+        let (stronger, _) = of(&positions(HysteresisChange {
+            gain: 1.2,
+            wider: 0.0,
+        }));
         assert!((stronger / travel - 1.2).abs() < 1e-6);
     }
 
@@ -172,14 +236,22 @@ mod tests {
     #[test]
     fn a_force_from_outside_moves_what_the_sensor_reads() {
         let overview = Overview::without_data(0.0, 100.0);
-        for ids in [vec!["gain"], vec!["gain", "sensor_bandwidth"], vec!["gain", "vibration", "sensor_bandwidth"]] {
+        for ids in [
+            vec!["gain"],
+            vec!["gain", "sensor_bandwidth"],
+            vec!["gain", "vibration", "sensor_bandwidth"],
+        ] {
             let mut chain = Model::new(0.0, 100.0);
             ids.iter().for_each(|id| {
                 chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, &[]));
             });
             let mut plant = ChainPlant::at_rest(&chain, 0.0, SAMPLING_PERIOD_S);
             (0..20_000).for_each(|_| plant.advance(0.0, 0.3));
-            assert!((plant.displacement_um() - 0.3).abs() < 1e-6 && (plant.sensor_um() - 0.3).abs() < 1e-6, "{ids:?}");
+            assert!(
+                (plant.displacement_um() - 0.3).abs() < 1e-6
+                    && (plant.sensor_um() - 0.3).abs() < 1e-6,
+                "{ids:?}"
+            );
         }
     }
 
@@ -188,11 +260,17 @@ mod tests {
     fn the_position_is_in_front_of_the_sensors_lag_whether_or_not_a_mode_stands_there() {
         let overview = Overview::without_data(0.0, 100.0);
         let (gain_um_v, frequency_rad_s, damping_ratio, bandwidth_hz) = (0.1, 5000.0, 0.5, 1000.0);
-        let effects: [(&str, Vec<f64>); 3] =
-            [("gain", vec![gain_um_v]), ("vibration", vec![frequency_rad_s, damping_ratio]), ("sensor_bandwidth", vec![bandwidth_hz])];
+        let effects: [(&str, Vec<f64>); 3] = [
+            ("gain", vec![gain_um_v]),
+            ("vibration", vec![frequency_rad_s, damping_ratio]),
+            ("sensor_bandwidth", vec![bandwidth_hz]),
+        ];
         for with_mode in [true, false] {
             let mut chain = Model::new(0.0, 100.0);
-            for (id, values) in effects.iter().filter(|(id, _)| with_mode || *id != "vibration") {
+            for (id, values) in effects
+                .iter()
+                .filter(|(id, _)| with_mode || *id != "vibration")
+            {
                 chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
             }
             let mut plant = ChainPlant::at_rest(&chain, 0.0, SAMPLING_PERIOD_S);
@@ -204,10 +282,21 @@ mod tests {
             let reads_late_um = plant.displacement_um() - plant.sensor_um();
             let lag_um = speed_um_s / (TAU * bandwidth_hz);
             // The staircase of the drive comes to half a step of it.
-            assert!((reads_late_um - lag_um).abs() < 0.51 * gain_um_v * per_period_v, "{with_mode} {reads_late_um} {lag_um}");
-            let mode_s = if with_mode { 2.0 * damping_ratio / frequency_rad_s } else { 0.0 };
-            let expected_um = gain_um_v * per_period_v * f64::from(periods - 1) - speed_um_s * mode_s;
-            assert!((plant.displacement_um() - expected_um).abs() < 1.1 * gain_um_v * per_period_v, "{with_mode}");
+            assert!(
+                (reads_late_um - lag_um).abs() < 0.51 * gain_um_v * per_period_v,
+                "{with_mode} {reads_late_um} {lag_um}"
+            );
+            let mode_s = if with_mode {
+                2.0 * damping_ratio / frequency_rad_s
+            } else {
+                0.0
+            };
+            let expected_um =
+                gain_um_v * per_period_v * f64::from(periods - 1) - speed_um_s * mode_s;
+            assert!(
+                (plant.displacement_um() - expected_um).abs() < 1.1 * gain_um_v * per_period_v,
+                "{with_mode}"
+            );
         }
     }
 }

@@ -28,25 +28,64 @@ use serde::Serialize;
 /// The schemes that `check --scheme` and `track --scheme` take besides the one of the design, by name, with
 /// what each is.
 pub const SCHEMES: [(&str, &str); 19] = [
-    ("predictor", "Kalman observer one period ahead, hysteresis inverted: the default"),
-    ("predictor-learning", "predictor that learns the correction of a periodic reference"),
-    ("predictor-adaptive", "predictor that corrects the gain of its model slowly, within 20 %"),
-    ("predictor-learning-adaptive", "predictor with both, for a scan on a stage whose gain drifts"),
-    ("predictor-linear", "predictor without the inverse: all hysteresis is an unknown input"),
-    ("disturbance-observer", "nominal second-order model, everything else an observed disturbance"),
-    ("disturbance-observer-inverse", "disturbance observer behind the inverse of the hysteresis"),
-    ("pidsmoc", "the thesis' PID sliding-mode law on its sliding-mode observer (Ch. 7), hysteresis inverted"),
-    ("pidsmoc-linear", "the same without the inverse, as the thesis has it"),
-    ("pidsmc-alpha-beta", "the PID sliding-mode law on an alpha-beta filter (Ch. 6), hysteresis inverted"),
+    (
+        "predictor",
+        "Kalman observer one period ahead, hysteresis inverted: the default",
+    ),
+    (
+        "predictor-learning",
+        "predictor that learns the correction of a periodic reference",
+    ),
+    (
+        "predictor-adaptive",
+        "predictor that corrects the gain of its model slowly, within 20 %",
+    ),
+    (
+        "predictor-learning-adaptive",
+        "predictor with both, for a scan on a stage whose gain drifts",
+    ),
+    (
+        "predictor-linear",
+        "predictor without the inverse: all hysteresis is an unknown input",
+    ),
+    (
+        "disturbance-observer",
+        "nominal second-order model, everything else an observed disturbance",
+    ),
+    (
+        "disturbance-observer-inverse",
+        "disturbance observer behind the inverse of the hysteresis",
+    ),
+    (
+        "pidsmoc",
+        "the thesis' PID sliding-mode law on its sliding-mode observer (Ch. 7), hysteresis inverted",
+    ),
+    (
+        "pidsmoc-linear",
+        "the same without the inverse, as the thesis has it",
+    ),
+    (
+        "pidsmc-alpha-beta",
+        "the PID sliding-mode law on an alpha-beta filter (Ch. 6), hysteresis inverted",
+    ),
     ("pidsmc-alpha-beta-linear", "the same without the inverse"),
-    ("smcbl", "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays"),
+    (
+        "smcbl",
+        "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays",
+    ),
     ("smcbl-linear", "the same without the inverse"),
     ("pid", "feedforward-pi, tuned as `design --scheme pid` does"),
     ("pid-linear", "PID on the error alone, no model"),
-    ("feedforward", "inverse of hysteresis, dynamics and creep, no feedback at all"),
+    (
+        "feedforward",
+        "inverse of hysteresis, dynamics and creep, no feedback at all",
+    ),
     ("feedforward-without-creep", "the same, creep not undone"),
     ("feedforward-pi", "feedforward with a PI on the error"),
-    ("feedforward-pi-notch", "feedforward with a PI and a notch on the first mode"),
+    (
+        "feedforward-pi-notch",
+        "feedforward with a PI and a notch on the first mode",
+    ),
 ];
 
 /// Designs a servo for an identified chain without a recording behind it, so that an unknown mode is reckoned
@@ -55,9 +94,24 @@ pub const SCHEMES: [(&str, &str); 19] = [
 /// # Errors
 /// A message that says what the model lacks, or which demand cannot be met.
 pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
-    let Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, .. } = *demands;
+    let Demands {
+        reference_hz,
+        sensor_noise_um,
+        sensitivity_peak,
+        usual_margins,
+        ..
+    } = *demands;
     let sensor_noise_um = Some(sensor_noise_um);
-    order::design(chain, &DesignOrder { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..DesignOrder::default() })
+    order::design(
+        chain,
+        &DesignOrder {
+            reference_hz,
+            sensor_noise_um,
+            sensitivity_peak,
+            usual_margins,
+            ..DesignOrder::default()
+        },
+    )
 }
 
 /// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow
@@ -65,14 +119,26 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
 ///
 /// # Errors
 /// As [`order::design`]; the explanation reports a refused predictor.
-pub fn design_beside_predictor(chain: &Model, order: &DesignOrder<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
+pub fn design_beside_predictor(
+    chain: &Model,
+    order: &DesignOrder<'_>,
+) -> Result<(ServoDesign, Vec<AtWork>), String> {
     let mut design = order::design(chain, order)?;
     if order.scheme == SchemeChoice::Predictor {
         return Ok((design, Vec::new()));
     }
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
-    let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0].iter().map(|share| share * order.reference_hz).collect();
-    let rows = match order::design(chain, &DesignOrder { scheme: SchemeChoice::Predictor, ..*order }) {
+    let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0]
+        .iter()
+        .map(|share| share * order.reference_hz)
+        .collect();
+    let rows = match order::design(
+        chain,
+        &DesignOrder {
+            scheme: SchemeChoice::Predictor,
+            ..*order
+        },
+    ) {
         Ok(predictor) => {
             if let Scheme::Predictor { tuning, .. } = &predictor.scheme {
                 design.beside = Some(*tuning);
@@ -80,11 +146,15 @@ pub fn design_beside_predictor(chain: &Model, order: &DesignOrder<'_>) -> Result
             schemes::at_work(chain, &[&design, &predictor], &frequencies_hz, noise_um)
         }
         Err(refusal) => {
-            design.explanation.push(format!("A predictor for the same order is refused: {refusal}."));
+            design.explanation.push(format!(
+                "A predictor for the same order is refused: {refusal}."
+            ));
             schemes::at_work(chain, &[&design], &frequencies_hz, noise_um)
         }
     };
-    design.explanation.insert(0, schemes::at_work_in_words(&rows));
+    design
+        .explanation
+        .insert(0, schemes::at_work_in_words(&rows));
     Ok((design, rows))
 }
 
@@ -126,23 +196,35 @@ impl CheckResult {
     fn judge_poles(&mut self, poles: &[Complex<f64>], whose: &str) {
         self.sampled_poles = check::pairs(poles);
         if !all_inside(poles) {
-            self.fails(format!("the largest eigenvalue {whose} is {:.4}", self.largest_eigenvalue()));
+            self.fails(format!(
+                "the largest eigenvalue {whose} is {:.4}",
+                self.largest_eigenvalue()
+            ));
         }
     }
 
     /// Largest magnitude of the sampled eigenvalues at the mean gain; zero where none are taken.
     #[must_use]
     pub fn largest_eigenvalue(&self) -> f64 {
-        self.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max)
+        self.sampled_poles
+            .iter()
+            .map(|p| p[0].hypot(p[1]))
+            .fold(0.0, f64::max)
     }
 
     /// The verdict in words, behind the name of the scheme.
     #[must_use]
     pub fn verdict(&self) -> String {
         let largest = self.largest_eigenvalue();
-        match (&self.unstable_because, self.sampled_poles.is_empty(), self.stable) {
+        match (
+            &self.unstable_because,
+            self.sampled_poles.is_empty(),
+            self.stable,
+        ) {
             (Some(because), _, _) if largest < 1.0 => {
-                format!("UNSTABLE: {because} (the largest eigenvalue with the mean gain, {largest:.4}, is stable)")
+                format!(
+                    "UNSTABLE: {because} (the largest eigenvalue with the mean gain, {largest:.4}, is stable)"
+                )
             }
             (Some(because), ..) => format!("UNSTABLE: {because}"),
             (None, false, true) => format!("stable, largest sampled eigenvalue {largest:.4}"),
@@ -164,7 +246,11 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
 ///
 /// # Errors
 /// A message that says what the model lacks, or that the data are not those of the model.
-pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Dataset>) -> Result<CheckResult, String> {
+pub fn check_with(
+    design: &ServoDesign,
+    chain: &Model,
+    recording: Option<&Dataset>,
+) -> Result<CheckResult, String> {
     let model = required_model(chain)?;
     let reckoned = Reckoned::with(chain, model.clone(), recording)?;
     let mut out = CheckResult {
@@ -182,17 +268,44 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
     // What both reach: a reference is given in um, whatever the servo's own model has as its reach.
     let travel_um = model.reach_um().min(design.model.reach_um());
-    let judged_with = (&reckoned, delay_s, Beginning { design, chain, travel_um, noise_um });
+    let judged_with = (
+        &reckoned,
+        delay_s,
+        Beginning {
+            design,
+            chain,
+            travel_um,
+            noise_um,
+        },
+    );
     match &design.scheme {
-        Scheme::Predictor { tuning, hysteresis_inverse } => {
+        Scheme::Predictor {
+            tuning,
+            hysteresis_inverse,
+        } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
-            judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, judged_with, ratio, &mut out);
-            out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
+            judge_law(
+                &PredictorDesign::new(&design.model.linear, tuning),
+                &model,
+                judged_with,
+                ratio,
+                &mut out,
+            );
+            out.remarks.push(
+                "The loop is designed and checked in sampled time with the period of delay inside."
+                    .into(),
+            );
             let law = PredictorDesign::new(&design.model.linear, tuning);
             if let Some(adaptation) = &design.adaptation {
-                let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&model.linear);
+                let plant = PlantVariation {
+                    delay_s,
+                    ..PlantVariation::NONE
+                }
+                .sampled(&model.linear);
                 let beliefs = ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain));
-                let worst = beliefs.map(|gain| law.spectral_radius(&plant, gain, 0)).fold(0.0, f64::max);
+                let worst = beliefs
+                    .map(|gain| law.spectral_radius(&plant, gain, 0))
+                    .fold(0.0, f64::max);
                 if worst.is_nan() || worst >= 1.0 {
                     out.fails(format!(
                         "with the correction of the gain at a bound of its +-{:.0} % the largest eigenvalue is {worst:.4}",
@@ -207,11 +320,19 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
             }
             if let Some(learning) = &design.learning {
                 let on_it = |gains: Vec<f64>| {
-                    let found = gains.into_iter().map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
-                    found.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
+                    let found = gains
+                        .into_iter()
+                        .map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
+                    found
+                        .max_by(|a, b| a.0.total_cmp(&b.0))
+                        .unwrap_or((f64::NAN, 0.0))
                 };
                 let (contraction, hz) = on_it(ratio.to_vec());
-                let verdict = if contraction < 1.0 { "converges" } else { "DIVERGES" };
+                let verdict = if contraction < 1.0 {
+                    "converges"
+                } else {
+                    "DIVERGES"
+                };
                 if contraction.is_nan() || contraction >= 1.0 {
                     out.fails(format!(
                         "learning diverges, an error becomes {contraction:.2} times itself from period to period at {hz:.0} Hz"
@@ -222,7 +343,12 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
                 ));
                 if let Some(adaptation) = &design.adaptation {
                     // It decides nothing: a gain that is learned does not stay where it is wrong.
-                    let (farthest, hz) = on_it(ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain)).collect());
+                    let (farthest, hz) = on_it(
+                        ratio
+                            .iter()
+                            .flat_map(|gain| adaptation.over_beliefs(*gain))
+                            .collect(),
+                    );
                     out.remarks.push(format!(
                         "While the correction of the gain stands farthest off, to either side, it becomes at most {farthest:.2} times itself (at {hz:.0} Hz)."
                     ));
@@ -230,7 +356,13 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
                 out.remarks.push(learning.in_words());
             }
         }
-        Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Predictor { hysteresis_inverse } } => {
+        Scheme::SlidingMode {
+            nominal,
+            estimator,
+            controller,
+            reaching,
+            form: Form::Predictor { hysteresis_inverse },
+        } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
             if let Some(law) = design.law() {
                 judge_law(&law, &model, judged_with, ratio, &mut out);
@@ -245,10 +377,17 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
                 );
             }
             if *reaching == ReachingGains::Pid {
-                out.continuous = check::sliding_mode(nominal, estimator, controller, design.delayed).continuous;
+                out.continuous =
+                    check::sliding_mode(nominal, estimator, controller, design.delayed).continuous;
             }
         }
-        Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid, form: Form::Printed } => {
+        Scheme::SlidingMode {
+            nominal,
+            estimator,
+            controller,
+            reaching: ReachingGains::Pid,
+            form: Form::Printed,
+        } => {
             let found = check::sliding_mode(nominal, estimator, controller, design.delayed);
             let plant = NominalModel {
                 natural_frequency_rad_s: model.linear.first_mode.natural_frequency_rad_s,
@@ -257,7 +396,12 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
             };
             let law = SlidingModeLaw::new(nominal, estimator, controller, &ReachingGains::Pid);
             let on_plant = |delay: usize| -> Vec<Complex<f64>> {
-                law.closed_loop(&plant, delay).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
+                law.closed_loop(&plant, delay)
+                    .complex_eigenvalues()
+                    .iter()
+                    .copied()
+                    .filter(|z| z.norm() > 1e-9)
+                    .collect()
             };
             let poles = on_plant(usize::from(design.delayed));
             out.stable = true;
@@ -269,8 +413,14 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
                 );
             }
             if design.delayed {
-                out.remarks
-                    .push(format!("Without the period of delay it is {}.", if all_inside(&on_plant(0)) { "stable" } else { "unstable" }));
+                out.remarks.push(format!(
+                    "Without the period of delay it is {}.",
+                    if all_inside(&on_plant(0)) {
+                        "stable"
+                    } else {
+                        "unstable"
+                    }
+                ));
             }
             out.remarks.push(format!(
                 "Sampled eigenvalues on the given model's first mode and mean gain: wn = {:.0} rad/s, xi = {:.3}, K = {:.4} um/V.",
@@ -278,20 +428,44 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
             ));
             out.continuous = found.continuous;
         }
-        Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {
+        Scheme::DisturbanceObserver {
+            gains,
+            hysteresis_inverse,
+        } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
-            judge_law(&disturbance_observer::law(&design.model.linear, gains), &model, judged_with, ratio, &mut out);
+            judge_law(
+                &disturbance_observer::law(&design.model.linear, gains),
+                &model,
+                judged_with,
+                ratio,
+                &mut out,
+            );
         }
         Scheme::Feedforward { gains, notch, .. } => {
-            judge_law(&regulator_loop::law(gains, notch.as_ref()), &model, judged_with, gain_ratio(&design.model, &model, true), &mut out);
-            out.remarks.push("What is fed forward does not touch stability.".into());
+            judge_law(
+                &regulator_loop::law(gains, notch.as_ref()),
+                &model,
+                judged_with,
+                gain_ratio(&design.model, &model, true),
+                &mut out,
+            );
+            out.remarks
+                .push("What is fed forward does not touch stability.".into());
         }
         Scheme::Pid { .. } if design.delayed => {
             let gain = design.model.mean_gain_um_v();
             if let Some(law) = design.law() {
-                judge_law(&law, &model, judged_with, gain_ratio(&design.model, &model, false), &mut out);
+                judge_law(
+                    &law,
+                    &model,
+                    judged_with,
+                    gain_ratio(&design.model, &model, false),
+                    &mut out,
+                );
             }
-            out.remarks.push(format!("The drive counts with the mean gain of the largest loop, {gain:.4} um/V."));
+            out.remarks.push(format!(
+                "The drive counts with the mean gain of the largest loop, {gain:.4} um/V."
+            ));
         }
         _ => {
             out.stable = false;
@@ -317,9 +491,16 @@ pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bo
     let range_v = design.drive_max_v - design.drive_min_v;
     let share = |i: usize| i as f64 / STEPS as f64;
     // The same voltages, as shares of the actuator's own range.
-    let there = |x: f64| (design.drive_min_v + x * range_v - actuator.drive_min_v) / (actuator.drive_max_v - actuator.drive_min_v);
+    let there = |x: f64| {
+        (design.drive_min_v + x * range_v - actuator.drive_min_v)
+            / (actuator.drive_max_v - actuator.drive_min_v)
+    };
     let mean_step_um = of_design.loop_loss(1.0, 0.0) / STEPS as f64;
-    let mut ratio = [f64::INFINITY, of_actuator.loop_loss(there(1.0), there(0.0)) / of_design.loop_loss(1.0, 0.0), f64::NEG_INFINITY];
+    let mut ratio = [
+        f64::INFINITY,
+        of_actuator.loop_loss(there(1.0), there(0.0)) / of_design.loop_loss(1.0, 0.0),
+        f64::NEG_INFINITY,
+    ];
     let mut see = |step: &dyn Fn(bool) -> f64| {
         let value = step(true) / if inverted { step(false) } else { mean_step_um };
         ratio[0] = ratio[0].min(value);
@@ -327,8 +508,13 @@ pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bo
     };
     for i in 1..=STEPS {
         for j in 0..i {
-            let loss =
-                |x: f64, z: f64, actual: bool| if actual { of_actuator.loop_loss(there(x), there(z)) } else { of_design.loop_loss(x, z) };
+            let loss = |x: f64, z: f64, actual: bool| {
+                if actual {
+                    of_actuator.loop_loss(there(x), there(z))
+                } else {
+                    of_design.loop_loss(x, z)
+                }
+            };
             see(&|actual| loss(share(i), share(j), actual) - loss(share(i - 1), share(j), actual));
             see(&|actual| loss(share(i), share(j), actual) - loss(share(i), share(j + 1), actual));
         }
@@ -345,17 +531,38 @@ fn judge_law(
     ratio: [f64; 3],
     out: &mut CheckResult,
 ) {
-    let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&actuator.linear);
-    let poles: Vec<Complex<f64>> =
-        law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
+    let plant = PlantVariation {
+        delay_s,
+        ..PlantVariation::NONE
+    }
+    .sampled(&actuator.linear);
+    let poles: Vec<Complex<f64>> = law
+        .closed_loop(&plant, ratio[1], 0)
+        .complex_eigenvalues()
+        .iter()
+        .copied()
+        .filter(|z| z.norm() > 1e-9)
+        .collect();
     let (beginning, recording) = (Some(beginning), reckoned.recording());
-    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s, beginning, recording }.judged();
+    let margins = Loop {
+        law,
+        linear: &actuator.linear,
+        gain_ratio: ratio,
+        delay_s,
+        beginning,
+        recording,
+    }
+    .judged();
     out.on_plants = Some(reckoned.judge(law, ratio[1]));
     out.stable = true;
     out.judge_poles(&poles, "with the mean gain");
-    let places = ["smallest", "mean", "largest"].into_iter().zip(ratio.into_iter().zip(margins.spectral_radius));
+    let places = ["smallest", "mean", "largest"]
+        .into_iter()
+        .zip(ratio.into_iter().zip(margins.spectral_radius));
     // The mean is what the eigenvalues are of; where only it fails that is reported already.
-    for (place, (gain, radius)) in places.filter(|(_, (_, radius))| radius.is_nan() || *radius >= 1.0) {
+    for (place, (gain, radius)) in
+        places.filter(|(_, (_, radius))| radius.is_nan() || *radius >= 1.0)
+    {
         out.fails(format!(
             "where the actuator's gain is the {place}, {gain:.2} times the one that the law inverts, the largest eigenvalue is {radius:.4}"
         ));
@@ -386,22 +593,44 @@ struct Prepared {
     circumstances: Circumstances,
 }
 
-fn prepared(chain: &Model, design: &ServoDesign, reference: &Reference, work: &Work) -> Result<Prepared, String> {
-    let Work { scheme, sensor_noise_um, disturbance, added_mass } = *work;
+fn prepared(
+    chain: &Model,
+    design: &ServoDesign,
+    reference: &Reference,
+    work: &Work,
+) -> Result<Prepared, String> {
+    let Work {
+        scheme,
+        sensor_noise_um,
+        disturbance,
+        added_mass,
+    } = *work;
     order::require_known_in_a_loop(chain)?;
     if !(0.0..=ADDED_MASS_MAX).contains(&added_mass) {
-        return Err(format!("--added-mass {added_mass}; expected a ratio to the moving mass from 0 to {ADDED_MASS_MAX}"));
+        return Err(format!(
+            "--added-mass {added_mass}; expected a ratio to the moving mass from 0 to {ADDED_MASS_MAX}"
+        ));
     }
     if added_mass > 0.0 && chain.effect(vibration::ID).is_none() {
-        return Err("--added-mass: the model has no vibration, so no mass that it could be added to".into());
+        return Err(
+            "--added-mass: the model has no vibration, so no mass that it could be added to".into(),
+        );
     }
-    let chain = varied(chain, &PlantVariation { mass_ratio: 1.0 + added_mass, ..PlantVariation::NONE });
+    let chain = varied(
+        chain,
+        &PlantVariation {
+            mass_ratio: 1.0 + added_mass,
+            ..PlantVariation::NONE
+        },
+    );
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
     }
     // What the actuator reaches counts, not what the servo's own model believes.
-    let reach_um = actuator_model(&chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
+    let reach_um = actuator_model(&chain)
+        .map_or(f64::INFINITY, |m| m.reach_um())
+        .min(design.model.reach_um());
     let (low_um, high_um) = extremes(&reference.samples_um(&chosen).0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!(
@@ -409,15 +638,25 @@ fn prepared(chain: &Model, design: &ServoDesign, reference: &Reference, work: &W
             chain.drive_min_v
         ));
     }
-    let noise_um = sensor_noise_um.or(design.sensor_noise_um).unwrap_or(ASSUMED_NOISE_UM);
+    let noise_um = sensor_noise_um
+        .or(design.sensor_noise_um)
+        .unwrap_or(ASSUMED_NOISE_UM);
     if !(0.0..0.05 * reach_um).contains(&noise_um) {
         return Err(format!(
             "--sensor-noise-um {noise_um}; expected at least 0 and below {:.3}, a twentieth of the travel",
             0.05 * reach_um
         ));
     }
-    let circumstances = Circumstances { noise_um, seed: 1, disturbance };
-    Ok(Prepared { chain, design: chosen, circumstances })
+    let circumstances = Circumstances {
+        noise_um,
+        seed: 1,
+        disturbance,
+    };
+    Ok(Prepared {
+        chain,
+        design: chosen,
+        circumstances,
+    })
 }
 
 /// Follows a reference on a chain.
@@ -431,12 +670,28 @@ pub fn follow(
     reference_name: &str,
     work: &Work,
 ) -> Result<TrackResult, String> {
-    let Prepared { chain, design, circumstances } = prepared(chain, design, reference, work)?;
-    let mut found = track(&chain, &design, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
+    let Prepared {
+        chain,
+        design,
+        circumstances,
+    } = prepared(chain, design, reference, work)?;
+    let mut found = track(&chain, &design, reference, reference_name, circumstances)
+        .map_err(|e| e.to_string())?;
     if design.beside.is_some() {
-        let predictor = with_scheme(&design, if design.inverts_hysteresis() { "predictor" } else { "predictor-linear" })?;
-        let run = track(&chain, &predictor, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
-        found.beside = Some(Beside { scheme: run.scheme, truth: run.truth });
+        let predictor = with_scheme(
+            &design,
+            if design.inverts_hysteresis() {
+                "predictor"
+            } else {
+                "predictor-linear"
+            },
+        )?;
+        let run = track(&chain, &predictor, reference, reference_name, circumstances)
+            .map_err(|e| e.to_string())?;
+        found.beside = Some(Beside {
+            scheme: run.scheme,
+            truth: run.truth,
+        });
     }
     Ok(found)
 }
@@ -453,7 +708,11 @@ pub fn follow_on_members(
     work: &Work,
     found: &TrackResult,
 ) -> Result<PlantBand, String> {
-    let Prepared { chain, design, circumstances } = prepared(chain, design, reference, work)?;
+    let Prepared {
+        chain,
+        design,
+        circumstances,
+    } = prepared(chain, design, reference, work)?;
     members::band(&chain, &design, reference, circumstances, found).map_err(|e| e.to_string())
 }
 
@@ -464,11 +723,26 @@ const SHOWN_STEP: f64 = 0.05;
 ///
 /// # Errors
 /// As [`follow`].
-pub fn follow_step(chain: &Model, design: &ServoDesign, work: &Work) -> Result<TrackResult, String> {
-    let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
+pub fn follow_step(
+    chain: &Model,
+    design: &ServoDesign,
+    work: &Work,
+) -> Result<TrackResult, String> {
+    let reach_um = actuator_model(chain)
+        .map_or(f64::INFINITY, |m| m.reach_um())
+        .min(design.model.reach_um());
     let by_um = SHOWN_STEP * reach_um;
-    let reference = Reference::Step { from_um: 0.5 * reach_um, by_um };
-    follow(chain, design, &reference, &format!("step:{by_um:.3}:{:.3}", 0.5 * reach_um), work)
+    let reference = Reference::Step {
+        from_um: 0.5 * reach_um,
+        by_um,
+    };
+    follow(
+        chain,
+        design,
+        &reference,
+        &format!("step:{by_um:.3}:{:.3}", 0.5 * reach_um),
+        work,
+    )
 }
 
 /// The same model under another scheme.
@@ -476,7 +750,11 @@ pub fn follow_step(chain: &Model, design: &ServoDesign, work: &Work) -> Result<T
 /// # Errors
 /// If the name is not known.
 pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, String> {
-    let gains = PidGains { p: 0.0, i: 0.0, d: 0.0 };
+    let gains = PidGains {
+        p: 0.0,
+        i: 0.0,
+        d: 0.0,
+    };
     let own = match &design.scheme {
         Scheme::Predictor { tuning, .. } => Some(*tuning),
         _ => design.beside,
@@ -489,38 +767,93 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     if !learning {
         out.learning = None;
     }
-    out.adaptation =
-        matches!(name, "predictor-adaptive" | "predictor-learning-adaptive").then(|| AdaptationDesign::new(design.model.reach_um()));
+    out.adaptation = matches!(name, "predictor-adaptive" | "predictor-learning-adaptive")
+        .then(|| AdaptationDesign::new(design.model.reach_um()));
     (out.scheme, out.delayed) = match name {
-        "predictor" | "predictor-learning" | "predictor-adaptive" | "predictor-learning-adaptive" => {
-            (Scheme::Predictor { tuning, hysteresis_inverse: true }, true)
-        }
-        "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
-        "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
-        "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),
+        "predictor"
+        | "predictor-learning"
+        | "predictor-adaptive"
+        | "predictor-learning-adaptive" => (
+            Scheme::Predictor {
+                tuning,
+                hysteresis_inverse: true,
+            },
+            true,
+        ),
+        "predictor-linear" => (
+            Scheme::Predictor {
+                tuning,
+                hysteresis_inverse: false,
+            },
+            true,
+        ),
+        "feedforward" => (
+            Scheme::Feedforward {
+                gains,
+                notch: None,
+                creep_inverse: true,
+            },
+            true,
+        ),
+        "feedforward-without-creep" => (
+            Scheme::Feedforward {
+                gains,
+                notch: None,
+                creep_inverse: false,
+            },
+            true,
+        ),
         "feedforward-pi" | "feedforward-pi-notch" => {
-            let notch = (name == "feedforward-pi-notch").then(|| regulator_loop::notch_for(&design.model.linear));
-            let (gains, _) = regulator_loop::tune(&design.model.linear, &Demands::default(), notch.as_ref())
-                .ok_or("no integral gain keeps the margins with this model")?;
-            (Scheme::Feedforward { gains, notch, creep_inverse: true }, true)
+            let notch = (name == "feedforward-pi-notch")
+                .then(|| regulator_loop::notch_for(&design.model.linear));
+            let (gains, _) =
+                regulator_loop::tune(&design.model.linear, &Demands::default(), notch.as_ref())
+                    .ok_or("no integral gain keeps the margins with this model")?;
+            (
+                Scheme::Feedforward {
+                    gains,
+                    notch,
+                    creep_inverse: true,
+                },
+                true,
+            )
         }
         "disturbance-observer" | "disturbance-observer-inverse" => {
             let (gains, _) = disturbance_observer::tune(&design.model.linear, &Demands::default())
                 .ok_or("no disturbance observer keeps the margins with this model")?;
-            (Scheme::DisturbanceObserver { gains, hysteresis_inverse: name == "disturbance-observer-inverse" }, true)
+            (
+                Scheme::DisturbanceObserver {
+                    gains,
+                    hysteresis_inverse: name == "disturbance-observer-inverse",
+                },
+                true,
+            )
         }
         _ => {
-            let (family, inverse) = name.strip_suffix("-linear").map_or((name, true), |family| (family, false));
-            let choice = SchemeChoice::named(family)
-                .map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.map(|(name, _)| name).join(", ")))?;
-            (order::scheme_without_recording(design, choice, inverse)?, true)
+            let (family, inverse) = name
+                .strip_suffix("-linear")
+                .map_or((name, true), |family| (family, false));
+            let choice = SchemeChoice::named(family).map_err(|_| {
+                format!(
+                    "scheme `{name}` is not known: choose from {}",
+                    SCHEMES.map(|(name, _)| name).join(", ")
+                )
+            })?;
+            (
+                order::scheme_without_recording(design, choice, inverse)?,
+                true,
+            )
         }
     };
     if learning && out.learning.is_none() {
         out.learning = Some(order::learning_without_recording(&out)?);
     }
     // What the design is already keeps its gains.
-    Ok(if out.scheme_name() == design.scheme_name() { design.clone() } else { out })
+    Ok(if out.scheme_name() == design.scheme_name() {
+        design.clone()
+    } else {
+        out
+    })
 }
 
 #[cfg(test)]
@@ -544,13 +877,25 @@ mod tests {
     #[test]
     fn no_verdict_of_unstable_stands_beside_a_stable_eigenvalue_alone() {
         let learning = found(false, &[0.9753, -0.3], Some("learning diverges"));
-        assert_eq!(learning.verdict(), "UNSTABLE: learning diverges (the largest eigenvalue with the mean gain, 0.9753, is stable)");
-        assert_eq!(found(false, &[1.2], Some("it is 1.2000")).verdict(), "UNSTABLE: it is 1.2000");
-        assert_eq!(found(true, &[0.9], None).verdict(), "stable, largest sampled eigenvalue 0.9000");
+        assert_eq!(
+            learning.verdict(),
+            "UNSTABLE: learning diverges (the largest eigenvalue with the mean gain, 0.9753, is stable)"
+        );
+        assert_eq!(
+            found(false, &[1.2], Some("it is 1.2000")).verdict(),
+            "UNSTABLE: it is 1.2000"
+        );
+        assert_eq!(
+            found(true, &[0.9], None).verdict(),
+            "stable, largest sampled eigenvalue 0.9000"
+        );
         assert_eq!(found(false, &[], None).verdict(), "not judged");
         let mut both = found(true, &[], None);
         both.judge_poles(&[Complex::new(0.0, 1.01)], "with the mean gain");
         both.fails("another".into());
-        assert_eq!(both.verdict(), "UNSTABLE: the largest eigenvalue with the mean gain is 1.0100");
+        assert_eq!(
+            both.verdict(),
+            "UNSTABLE: the largest eigenvalue with the mean gain is 1.0100"
+        );
     }
 }

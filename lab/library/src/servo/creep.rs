@@ -31,7 +31,11 @@ impl CreepTerm {
     /// A term that follows every displacement.
     #[must_use]
     pub fn linear(share: f64, time_constant_s: f64) -> Self {
-        Self { share, time_constant_s, threshold_um: 0.0 }
+        Self {
+            share,
+            time_constant_s,
+            threshold_um: 0.0,
+        }
     }
 }
 
@@ -59,43 +63,88 @@ struct Factor(Vec<(Complex<f64>, Complex<f64>)>);
 impl Factor {
     fn of_terms(terms: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let real = |value: f64| Complex::new(value, 0.0);
-        Self(terms.into_iter().filter(|(share, _)| *share != 0.0).map(|(share, tau_s)| (real(-1.0 / tau_s), real(share / tau_s))).collect())
+        Self(
+            terms
+                .into_iter()
+                .filter(|(share, _)| *share != 0.0)
+                .map(|(share, tau_s)| (real(-1.0 / tau_s), real(share / tau_s)))
+                .collect(),
+        )
     }
 
     fn of_pair(pair: &CreepPair) -> Self {
-        let (w, xi) = (pair.natural_frequency_rad_s, pair.damping_ratio.min(1.0 - 1e-9));
+        let (w, xi) = (
+            pair.natural_frequency_rad_s,
+            pair.damping_ratio.min(1.0 - 1e-9),
+        );
         let pole = Complex::new(-xi * w, w * (1.0 - xi * xi).sqrt());
         // (share w^2 + velocity_share w s) / ((s - pole) (s - pole*)) at the pole.
-        let residue = (Complex::new(pair.share * w * w, 0.0) + pole * (pair.velocity_share * w)) / (pole - pole.conj());
+        let residue = (Complex::new(pair.share * w * w, 0.0) + pole * (pair.velocity_share * w))
+            / (pole - pole.conj());
         Self(vec![(pole, residue), (pole.conj(), residue.conj())])
     }
 
     fn at(&self, s: Complex<f64>) -> Complex<f64> {
-        self.0.iter().fold(Complex::new(1.0, 0.0), |sum, (pole, residue)| sum + residue / (s - pole))
+        self.0
+            .iter()
+            .fold(Complex::new(1.0, 0.0), |sum, (pole, residue)| {
+                sum + residue / (s - pole)
+            })
     }
 }
 
 /// Terms and pair of a chain's creep.
 #[must_use]
 pub fn of_chain(chain: &Model) -> (Vec<CreepTerm>, Option<CreepPair>) {
-    let pairs = |values: Vec<f64>| values.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect::<Vec<_>>();
+    let pairs = |values: Vec<f64>| {
+        values
+            .chunks_exact(2)
+            .map(|pair| (pair[0], pair[1]))
+            .collect::<Vec<_>>()
+    };
     let pair_of = |v: Vec<f64>| match v[..] {
-        [share, velocity_share, natural_frequency_rad_s, damping_ratio] => {
-            Some(CreepPair { share, velocity_share, natural_frequency_rad_s, damping_ratio })
-        }
+        [
+            share,
+            velocity_share,
+            natural_frequency_rad_s,
+            damping_ratio,
+        ] => Some(CreepPair {
+            share,
+            velocity_share,
+            natural_frequency_rad_s,
+            damping_ratio,
+        }),
         _ => None,
     };
     let operators: Vec<CreepTerm> = chain
         .values(creep_operators::ID)
         .iter()
         .flat_map(|values| values.chunks_exact(3))
-        .map(|v| CreepTerm { share: v[0], threshold_um: v[1], time_constant_s: v[2] })
+        .map(|v| CreepTerm {
+            share: v[0],
+            threshold_um: v[1],
+            time_constant_s: v[2],
+        })
         .filter(|term| term.share != 0.0)
         .collect();
-    let room = CREEP_TERMS.saturating_sub(operators.len() + chain.values(creep::ID).map_or(0, |v| v.len() / 2));
-    let mut factors: Vec<Factor> = chain.values(creep::ID).map(|values| Factor::of_terms(pairs(values))).into_iter().collect();
-    factors.extend(chain.values(logarithmic_creep::ID).map(|v| Factor::of_terms(logarithmic_creep::terms(&v, room.max(2)))));
-    factors.extend(chain.values(creep_pole_pair::ID).and_then(pair_of).map(|pair| Factor::of_pair(&pair)));
+    let room = CREEP_TERMS
+        .saturating_sub(operators.len() + chain.values(creep::ID).map_or(0, |v| v.len() / 2));
+    let mut factors: Vec<Factor> = chain
+        .values(creep::ID)
+        .map(|values| Factor::of_terms(pairs(values)))
+        .into_iter()
+        .collect();
+    factors.extend(
+        chain
+            .values(logarithmic_creep::ID)
+            .map(|v| Factor::of_terms(logarithmic_creep::terms(&v, room.max(2)))),
+    );
+    factors.extend(
+        chain
+            .values(creep_pole_pair::ID)
+            .and_then(pair_of)
+            .map(|pair| Factor::of_pair(&pair)),
+    );
     keep_apart(&mut factors);
     let mut terms = operators;
     let mut pair = None;
@@ -124,7 +173,10 @@ fn keep_apart(factors: &mut [Factor]) {
     for k in 1..factors.len() {
         let (before, rest) = factors.split_at_mut(k);
         for (pole, residue) in &mut rest[0].0 {
-            while let Some((near, _)) = before.iter().flat_map(|f| &f.0).find(|(p, _)| (p - *pole).norm() < 0.5 * NEAREST_POLES * p.norm())
+            while let Some((near, _)) = before
+                .iter()
+                .flat_map(|f| &f.0)
+                .find(|(p, _)| (p - *pole).norm() < 0.5 * NEAREST_POLES * p.norm())
             {
                 let moved = near * (1.0 + NEAREST_POLES);
                 (*residue, *pole) = (*residue * moved / *pole, moved);
@@ -141,7 +193,11 @@ pub fn static_share(terms: &[CreepTerm], pair: Option<&CreepPair>) -> f64 {
 
 /// The error for more terms than the tick has.
 pub(super) fn too_many(terms: usize) -> QuantisationError {
-    QuantisationError { what: "terms of creep".into(), value: terms as f64, limit: CREEP_TERMS as f64 }
+    QuantisationError {
+        what: "terms of creep".into(),
+        value: terms as f64,
+        limit: CREEP_TERMS as f64,
+    }
 }
 
 #[cfg(test)]
@@ -152,7 +208,10 @@ mod tests {
     use hysteron_sim::linear_system::ContinuousSystem;
 
     fn chain(effects: &[(&str, &[f64])]) -> Model {
-        let overview = Overview { duration_s: 100.0, ..Overview::without_data(0.0, 80.0) };
+        let overview = Overview {
+            duration_s: 100.0,
+            ..Overview::without_data(0.0, 80.0)
+        };
         let mut out = Model::new(0.0, 80.0);
         for (id, values) in effects {
             out.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
@@ -164,21 +223,45 @@ mod tests {
     /// form is the printed one again.
     #[test]
     fn a_cascade_becomes_the_printed_transfer_function() {
-        let (numerator, denominator) = ([0.1804, 4.181, 47.84, 9.404], [1.0, 14.10, 610.1, 1018.0, 125.0]);
-        let value = |polynomial: &[f64], s: Complex<f64>| polynomial.iter().fold(Complex::new(0.0, 0.0), |sum, c| sum * s + c);
+        let (numerator, denominator) = (
+            [0.1804, 4.181, 47.84, 9.404],
+            [1.0, 14.10, 610.1, 1018.0, 125.0],
+        );
+        let value = |polynomial: &[f64], s: Complex<f64>| {
+            polynomial
+                .iter()
+                .fold(Complex::new(0.0, 0.0), |sum, c| sum * s + c)
+        };
         // Roots of the denominator, and those of denominator + numerator, by Newton's rule.
-        let sum = [1.0, 14.10 + 0.1804, 610.1 + 4.181, 1018.0 + 47.84, 125.0 + 9.404];
+        let sum = [
+            1.0,
+            14.10 + 0.1804,
+            610.1 + 4.181,
+            1018.0 + 47.84,
+            125.0 + 9.404,
+        ];
         let root = |polynomial: &[f64; 5], mut s: Complex<f64>| {
-            let derivative: Vec<f64> = polynomial[..4].iter().enumerate().map(|(k, c)| c * (4 - k) as f64).collect();
+            let derivative: Vec<f64> = polynomial[..4]
+                .iter()
+                .enumerate()
+                .map(|(k, c)| c * (4 - k) as f64)
+                .collect();
             (0..50).for_each(|_| s -= value(polynomial, s) / value(&derivative, s));
             s
         };
         let complex = Complex::new(-6.0, 23.0);
         let (pole, zero) = (root(&denominator, complex), root(&sum, complex));
-        let real = |polynomial: &[f64; 5]| [-0.13, -1.6].map(|s| root(polynomial, Complex::new(s, 0.0)).re);
+        let real = |polynomial: &[f64; 5]| {
+            [-0.13, -1.6].map(|s| root(polynomial, Complex::new(s, 0.0)).re)
+        };
         let (poles, zeros) = (real(&denominator), real(&sum));
         let w = pole.norm();
-        let pair = [(zero.norm_sqr() - w * w) / (w * w), (-2.0 * zero.re + 2.0 * pole.re) / w, w, -pole.re / w];
+        let pair = [
+            (zero.norm_sqr() - w * w) / (w * w),
+            (-2.0 * zero.re + 2.0 * pole.re) / w,
+            w,
+            -pole.re / w,
+        ];
         let share = |k: usize| {
             let (p, other) = (poles[k], poles[1 - k]);
             -(p - zeros[0]) * (p - zeros[1]) / (p - other) / p
@@ -188,7 +271,11 @@ mod tests {
         // Two terms of these values, whatever the grid.
         let two = by_id("creep").unwrap().with_parameters(4).unwrap();
         let mut creep = EffectInstance::new(two, &Overview::without_data(0.0, 80.0), &[]);
-        creep.parameters.iter_mut().zip(terms).for_each(|(parameter, value)| parameter.value = value);
+        creep
+            .parameters
+            .iter_mut()
+            .zip(terms)
+            .for_each(|(parameter, value)| parameter.value = value);
         model.add(creep);
         let (parallel, parallel_pair) = of_chain(&model);
         let p = parallel_pair.unwrap();
@@ -198,9 +285,17 @@ mod tests {
             let s = Complex::new(0.0, omega);
             let expected = value(&numerator, s) / value(&denominator, s);
             let w = p.natural_frequency_rad_s;
-            let of_pair = (s * (p.velocity_share * w) + p.share * w * w) / (s * s + s * (2.0 * p.damping_ratio * w) + w * w);
-            let of_terms: Complex<f64> = parallel.iter().map(|t| Complex::new(t.share, 0.0) / (s * t.time_constant_s + 1.0)).sum();
-            assert!((of_pair + of_terms - expected).norm() < 1e-9, "{omega}: {} {expected}", of_pair + of_terms);
+            let of_pair = (s * (p.velocity_share * w) + p.share * w * w)
+                / (s * s + s * (2.0 * p.damping_ratio * w) + w * w);
+            let of_terms: Complex<f64> = parallel
+                .iter()
+                .map(|t| Complex::new(t.share, 0.0) / (s * t.time_constant_s + 1.0))
+                .sum();
+            assert!(
+                (of_pair + of_terms - expected).norm() < 1e-9,
+                "{omega}: {} {expected}",
+                of_pair + of_terms
+            );
         }
     }
 
@@ -210,7 +305,13 @@ mod tests {
         let (onset_s, share) = (0.01, 0.01);
         model.add(chain(&[("logarithmic_creep", &[share, onset_s])]).effects[0].clone());
         let tau_s = logarithmic_creep::terms(&model.values("logarithmic_creep").unwrap(), 8)[3].1;
-        model.effects.iter_mut().find(|e| e.id == "creep").unwrap().parameters[1].value = tau_s;
+        model
+            .effects
+            .iter_mut()
+            .find(|e| e.id == "creep")
+            .unwrap()
+            .parameters[1]
+            .value = tau_s;
         let (terms, _) = of_chain(&model);
         assert!(terms.iter().all(|t| t.share.abs() < 0.1), "{terms:?}");
     }

@@ -5,16 +5,21 @@ use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel};
-use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
+use super::predictor::{
+    Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune,
+};
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
 use super::sensor_lag;
 use super::thesis_schemes::{
-    AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
+    AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains,
+    ReachingGains, SlidingModeLaw, regulator,
 };
 use super::window_fit;
 use hysteron_core::sensor_lag::SensorLag;
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use hysteron_core::servo_parameters::{
+    ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
+};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
@@ -169,11 +174,21 @@ impl ServoDesign {
         let scan = tune(&model.linear, demands);
         let chosen = scan.first().filter(|a| a.accepted)?;
         let accepted = scan.iter().filter(|a| a.accepted).count();
-        let mut out = Self::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, model, true);
+        let mut out = Self::new(
+            Scheme::Predictor {
+                tuning: chosen.tuning,
+                hysteresis_inverse: true,
+            },
+            model,
+            true,
+        );
         out.noise_shaping = true;
         let m = &chosen.margins;
         out.explanation = vec![
-            format!("Of {} tunings {accepted} keep every margin; this one has the smallest expected error.", scan.len()),
+            format!(
+                "Of {} tunings {accepted} keep every margin; this one has the smallest expected error.",
+                scan.len()
+            ),
             format!(
                 "Expected at {} Hz: {:.2} nm of sensor noise passed on and {:.2} nm of a {:.0} nm hysteresis model error let through.",
                 demands.reference_hz,
@@ -188,7 +203,11 @@ impl ServoDesign {
                 m.gain_plus_half,
                 m.delay,
                 m.mass_double,
-                if model.linear.second_mode.is_some() { "second mode 10 % lower" } else { "an unknown second mode" },
+                if model.linear.second_mode.is_some() {
+                    "second mode 10 % lower"
+                } else {
+                    "an unknown second mode"
+                },
                 m.second_mode,
                 m.sensitivity_peak
             ),
@@ -214,31 +233,49 @@ impl ServoDesign {
     #[must_use]
     pub fn scheme_name(&self) -> &'static str {
         match &self.scheme {
-            Scheme::Predictor { .. } if self.learning.is_some() && self.adaptation.is_some() => "predictor-learning-adaptive",
+            Scheme::Predictor { .. } if self.learning.is_some() && self.adaptation.is_some() => {
+                "predictor-learning-adaptive"
+            }
             Scheme::Predictor { .. } if self.learning.is_some() => "predictor-learning",
             Scheme::Predictor { .. } if self.adaptation.is_some() => "predictor-adaptive",
-            Scheme::Predictor { hysteresis_inverse: true, .. } => "predictor",
+            Scheme::Predictor {
+                hysteresis_inverse: true,
+                ..
+            } => "predictor",
             Scheme::Predictor { .. } => "predictor-linear",
-            Scheme::SlidingMode { estimator, reaching, form: Form::Predictor { hysteresis_inverse }, .. } => {
-                match (estimator, reaching, hysteresis_inverse) {
-                    (Estimator::Pidsmo(_), ReachingGains::Pid, true) => "pidsmoc",
-                    (Estimator::Pidsmo(_), ReachingGains::Pid, false) => "pidsmoc-linear",
-                    (Estimator::AlphaBeta(_), ReachingGains::Pid, true) => "pidsmc-alpha-beta",
-                    (Estimator::AlphaBeta(_), ReachingGains::Pid, false) => "pidsmc-alpha-beta-linear",
-                    (_, ReachingGains::BoundaryLayer { .. }, true) => "smcbl",
-                    (_, ReachingGains::BoundaryLayer { .. }, false) => "smcbl-linear",
-                    (_, ReachingGains::Switching { .. }, _) => "sliding-mode",
-                }
-            }
-            Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
+            Scheme::SlidingMode {
+                estimator,
+                reaching,
+                form: Form::Predictor { hysteresis_inverse },
+                ..
+            } => match (estimator, reaching, hysteresis_inverse) {
+                (Estimator::Pidsmo(_), ReachingGains::Pid, true) => "pidsmoc",
+                (Estimator::Pidsmo(_), ReachingGains::Pid, false) => "pidsmoc-linear",
+                (Estimator::AlphaBeta(_), ReachingGains::Pid, true) => "pidsmc-alpha-beta",
+                (Estimator::AlphaBeta(_), ReachingGains::Pid, false) => "pidsmc-alpha-beta-linear",
+                (_, ReachingGains::BoundaryLayer { .. }, true) => "smcbl",
+                (_, ReachingGains::BoundaryLayer { .. }, false) => "smcbl-linear",
+                (_, ReachingGains::Switching { .. }, _) => "sliding-mode",
+            },
+            Scheme::SlidingMode {
+                estimator,
+                reaching,
+                ..
+            } => match (estimator, reaching) {
                 (Estimator::Pidsmo(_), ReachingGains::Pid) => "pidsmoc",
-                (Estimator::AlphaBeta(f), ReachingGains::Pid) if f.discrete => "pidsmc-alpha-beta-discrete",
+                (Estimator::AlphaBeta(f), ReachingGains::Pid) if f.discrete => {
+                    "pidsmc-alpha-beta-discrete"
+                }
                 (Estimator::AlphaBeta(_), ReachingGains::Pid) => "pidsmc-alpha-beta",
                 (_, ReachingGains::Switching { .. }) => "sliding-mode",
                 (_, ReachingGains::BoundaryLayer { .. }) => "boundary-layer",
             },
             Scheme::Pid { .. } => "pid-linear",
-            Scheme::Feedforward { gains, creep_inverse, .. } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => {
+            Scheme::Feedforward {
+                gains,
+                creep_inverse,
+                ..
+            } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => {
                 if *creep_inverse {
                     "feedforward"
                 } else {
@@ -247,7 +284,10 @@ impl ServoDesign {
             }
             Scheme::Feedforward { notch: None, .. } => "feedforward-pi",
             Scheme::Feedforward { .. } => "feedforward-pi-notch",
-            Scheme::DisturbanceObserver { hysteresis_inverse: false, .. } => "disturbance-observer",
+            Scheme::DisturbanceObserver {
+                hysteresis_inverse: false,
+                ..
+            } => "disturbance-observer",
             Scheme::DisturbanceObserver { .. } => "disturbance-observer-inverse",
         }
     }
@@ -260,18 +300,35 @@ impl ServoDesign {
             return None;
         }
         match &self.scheme {
-            Scheme::Predictor { tuning, .. } => Some(PredictorDesign::new(&self.model.linear, tuning)),
-            Scheme::SlidingMode { form: Form::Printed, .. } => None,
-            Scheme::SlidingMode { nominal, estimator, controller, reaching, .. } => {
-                SlidingModeLaw::predicted(nominal, estimator, controller, reaching).as_predictor()
+            Scheme::Predictor { tuning, .. } => {
+                Some(PredictorDesign::new(&self.model.linear, tuning))
             }
+            Scheme::SlidingMode {
+                form: Form::Printed,
+                ..
+            } => None,
+            Scheme::SlidingMode {
+                nominal,
+                estimator,
+                controller,
+                reaching,
+                ..
+            } => SlidingModeLaw::predicted(nominal, estimator, controller, reaching).as_predictor(),
             Scheme::Pid { gains, notch } => {
                 let gain = self.model.mean_gain_um_v();
-                let in_um = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
+                let in_um = PidGains {
+                    p: gain * gains.p,
+                    i: gain * gains.i,
+                    d: gain * gains.d,
+                };
                 Some(regulator_loop::law(&in_um, notch.as_ref()))
             }
-            Scheme::Feedforward { gains, notch, .. } => Some(regulator_loop::law(gains, notch.as_ref())),
-            Scheme::DisturbanceObserver { gains, .. } => Some(disturbance_observer::law(&self.model.linear, gains)),
+            Scheme::Feedforward { gains, notch, .. } => {
+                Some(regulator_loop::law(gains, notch.as_ref()))
+            }
+            Scheme::DisturbanceObserver { gains, .. } => {
+                Some(disturbance_observer::law(&self.model.linear, gains))
+            }
         }
     }
 
@@ -279,11 +336,22 @@ impl ServoDesign {
     #[must_use]
     pub fn inverts_hysteresis(&self) -> bool {
         match &self.scheme {
-            Scheme::Predictor { hysteresis_inverse, .. }
-            | Scheme::DisturbanceObserver { hysteresis_inverse, .. }
-            | Scheme::SlidingMode { form: Form::Predictor { hysteresis_inverse }, .. } => *hysteresis_inverse,
+            Scheme::Predictor {
+                hysteresis_inverse, ..
+            }
+            | Scheme::DisturbanceObserver {
+                hysteresis_inverse, ..
+            }
+            | Scheme::SlidingMode {
+                form: Form::Predictor { hysteresis_inverse },
+                ..
+            } => *hysteresis_inverse,
             Scheme::Feedforward { .. } => true,
-            Scheme::SlidingMode { form: Form::Printed, .. } | Scheme::Pid { .. } => false,
+            Scheme::SlidingMode {
+                form: Form::Printed,
+                ..
+            }
+            | Scheme::Pid { .. } => false,
         }
     }
 
@@ -291,53 +359,127 @@ impl ServoDesign {
     ///
     /// # Errors
     /// If a coefficient does not fit its format.
-    pub fn parameters(&self, converters: ConverterParameters) -> Result<ServoParameters, QuantisationError> {
+    pub fn parameters(
+        &self,
+        converters: ConverterParameters,
+    ) -> Result<ServoParameters, QuantisationError> {
         let mut converters = converters;
         converters.noise_shaping = self.noise_shaping;
         let gain = self.model.mean_gain_um_v();
-        let inverse_or_gain = |inverse: bool| if inverse { quantise::hysteresis(&self.model) } else { quantise::linear_actuator(gain) };
+        let inverse_or_gain = |inverse: bool| {
+            if inverse {
+                quantise::hysteresis(&self.model)
+            } else {
+                quantise::linear_actuator(gain)
+            }
+        };
         let (actuator, law) = match &self.scheme {
-            Scheme::Predictor { tuning, hysteresis_inverse } => {
+            Scheme::Predictor {
+                tuning,
+                hysteresis_inverse,
+            } => {
                 let plain = PredictorDesign::new(&self.model.linear, tuning);
-                let law = LawParameters::Predictor(self.learning.as_ref().map_or(plain.clone(), |l| l.of(&plain)).quantised()?);
+                let law = LawParameters::Predictor(
+                    self.learning
+                        .as_ref()
+                        .map_or(plain.clone(), |l| l.of(&plain))
+                        .quantised()?,
+                );
                 (inverse_or_gain(*hysteresis_inverse)?, law)
             }
-            Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {
-                let law = LawParameters::Predictor(disturbance_observer::law(&self.model.linear, gains).quantised()?);
+            Scheme::DisturbanceObserver {
+                gains,
+                hysteresis_inverse,
+            } => {
+                let law = LawParameters::Predictor(
+                    disturbance_observer::law(&self.model.linear, gains).quantised()?,
+                );
                 (inverse_or_gain(*hysteresis_inverse)?, law)
             }
-            Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Printed } => {
-                (ActuatorParameters::Direct, SlidingModeLaw::new(nominal, estimator, controller, reaching).quantised()?)
-            }
-            Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Predictor { hysteresis_inverse } } => {
-                let law = SlidingModeLaw::predicted(nominal, estimator, controller, reaching).following(&self.model.linear);
+            Scheme::SlidingMode {
+                nominal,
+                estimator,
+                controller,
+                reaching,
+                form: Form::Printed,
+            } => (
+                ActuatorParameters::Direct,
+                SlidingModeLaw::new(nominal, estimator, controller, reaching).quantised()?,
+            ),
+            Scheme::SlidingMode {
+                nominal,
+                estimator,
+                controller,
+                reaching,
+                form: Form::Predictor { hysteresis_inverse },
+            } => {
+                let law = SlidingModeLaw::predicted(nominal, estimator, controller, reaching)
+                    .following(&self.model.linear);
                 (inverse_or_gain(*hysteresis_inverse)?, law.quantised()?)
             }
-            Scheme::Pid { gains, notch } => {
-                (ActuatorParameters::Direct, regulator(gains, &Feedforward::default(), notch.as_ref(), Unit::Volt)?)
-            }
-            Scheme::Feedforward { gains, notch, creep_inverse } => {
+            Scheme::Pid { gains, notch } => (
+                ActuatorParameters::Direct,
+                regulator(gains, &Feedforward::default(), notch.as_ref(), Unit::Volt)?,
+            ),
+            Scheme::Feedforward {
+                gains,
+                notch,
+                creep_inverse,
+            } => {
                 let ahead = if self.delayed { 1.0 } else { 0.0 };
                 let sampled = self.model.linear.sampled();
                 let feedforward = window_fit::fit(self.period_s(), |w| {
                     let notched = notch.map_or(Complex::new(1.0, 0.0), |n| n.response(w));
-                    Complex::from_polar(1.0, ahead * w * self.period_s()) / (frequency_response(&sampled, w) * notched)
+                    Complex::from_polar(1.0, ahead * w * self.period_s())
+                        / (frequency_response(&sampled, w) * notched)
                 });
-                let (creep, creep_pair) =
-                    if *creep_inverse { (self.model.creep.as_slice(), self.model.creep_pair.as_ref()) } else { (&[][..], None) };
-                let feedforward = Feedforward { window: &feedforward, creep, creep_pair };
-                (quantise::hysteresis(&self.model)?, regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?)
+                let (creep, creep_pair) = if *creep_inverse {
+                    (self.model.creep.as_slice(), self.model.creep_pair.as_ref())
+                } else {
+                    (&[][..], None)
+                };
+                let feedforward = Feedforward {
+                    window: &feedforward,
+                    creep,
+                    creep_pair,
+                };
+                (
+                    quantise::hysteresis(&self.model)?,
+                    regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?,
+                )
             }
         };
-        let learning = self.learning.as_ref().map(LearningDesign::quantised).transpose()?;
-        let adaptation = self.adaptation.as_ref().map(AdaptationDesign::quantised).transpose()?;
-        let sensor_lag = self.sensor_lag_s.map_or(Ok(SensorLag::NONE), |lag_s| sensor_lag::quantised(lag_s, self.period_s()))?;
-        Ok(ServoParameters { sensor_lag, converters, actuator, law, delayed: self.delayed, learning, adaptation })
+        let learning = self
+            .learning
+            .as_ref()
+            .map(LearningDesign::quantised)
+            .transpose()?;
+        let adaptation = self
+            .adaptation
+            .as_ref()
+            .map(AdaptationDesign::quantised)
+            .transpose()?;
+        let sensor_lag = self.sensor_lag_s.map_or(Ok(SensorLag::NONE), |lag_s| {
+            sensor_lag::quantised(lag_s, self.period_s())
+        })?;
+        Ok(ServoParameters {
+            sensor_lag,
+            converters,
+            actuator,
+            law,
+            delayed: self.delayed,
+            learning,
+            adaptation,
+        })
     }
 }
 
 /// Those that no other one beats in both noise passed on and error let through, by rising noise.
-pub(super) fn undominated<T>(mut all: Vec<T>, noise_um: impl Fn(&T) -> f64, disturbance_um: impl Fn(&T) -> f64) -> Vec<T> {
+pub(super) fn undominated<T>(
+    mut all: Vec<T>,
+    noise_um: impl Fn(&T) -> f64,
+    disturbance_um: impl Fn(&T) -> f64,
+) -> Vec<T> {
     all.sort_by(|a, b| noise_um(a).total_cmp(&noise_um(b)));
     let mut best = f64::INFINITY;
     all.retain(|one| {
@@ -353,22 +495,61 @@ pub(super) fn undominated<T>(mut all: Vec<T>, noise_um: impl Fn(&T) -> f64, dist
 pub fn thesis_scheme(name: &str) -> Option<Scheme> {
     let nominal = NominalModel::THESIS;
     let filter_6 = Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_6);
-    let sliding = |estimator, controller, reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Printed };
+    let sliding = |estimator, controller, reaching| Scheme::SlidingMode {
+        nominal,
+        estimator,
+        controller,
+        reaching,
+        form: Form::Printed,
+    };
     Some(match name {
-        "pidsmoc" => sliding(Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), ControllerGains::THESIS_PIDSMOC, ReachingGains::Pid),
-        "pidsmc-alpha-beta" => {
-            sliding(Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_7), ControllerGains::THESIS_CHAPTER_7, ReachingGains::Pid)
-        }
+        "pidsmoc" => sliding(
+            Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC),
+            ControllerGains::THESIS_PIDSMOC,
+            ReachingGains::Pid,
+        ),
+        "pidsmc-alpha-beta" => sliding(
+            Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_7),
+            ControllerGains::THESIS_CHAPTER_7,
+            ReachingGains::Pid,
+        ),
         "pidsmc-alpha-beta-discrete" => {
-            let filter = AlphaBeta { discrete: true, ..AlphaBeta::THESIS_CHAPTER_7 };
-            sliding(Estimator::AlphaBeta(filter), ControllerGains::THESIS_CHAPTER_7, ReachingGains::Pid)
+            let filter = AlphaBeta {
+                discrete: true,
+                ..AlphaBeta::THESIS_CHAPTER_7
+            };
+            sliding(
+                Estimator::AlphaBeta(filter),
+                ControllerGains::THESIS_CHAPTER_7,
+                ReachingGains::Pid,
+            )
         }
-        "pidsm-chapter-6" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Pid),
-        "sliding-mode" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Switching { eta_v: 7.0 }),
-        "boundary-layer" => {
-            sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::BoundaryLayer { eta_v: 122.0, delta_um_s: 60_000.0 })
-        }
-        "pid" => Scheme::Pid { gains: PidGains { p: 4.0, i: 55_100.0, d: 1e-8 }, notch: None },
+        "pidsm-chapter-6" => sliding(
+            filter_6,
+            ControllerGains::THESIS_CHAPTER_6,
+            ReachingGains::Pid,
+        ),
+        "sliding-mode" => sliding(
+            filter_6,
+            ControllerGains::THESIS_CHAPTER_6,
+            ReachingGains::Switching { eta_v: 7.0 },
+        ),
+        "boundary-layer" => sliding(
+            filter_6,
+            ControllerGains::THESIS_CHAPTER_6,
+            ReachingGains::BoundaryLayer {
+                eta_v: 122.0,
+                delta_um_s: 60_000.0,
+            },
+        ),
+        "pid" => Scheme::Pid {
+            gains: PidGains {
+                p: 4.0,
+                i: 55_100.0,
+                d: 1e-8,
+            },
+            notch: None,
+        },
         _ => return None,
     })
 }

@@ -34,18 +34,29 @@ impl Disturbance {
             ["sine", hz, um] => number(hz)
                 .filter(|hz| *hz > 0.0 && *hz <= 0.5 / period_s)
                 .zip(number(um))
-                .map(|(frequency_hz, amplitude_um)| Self::Sine { frequency_hz, amplitude_um }),
+                .map(|(frequency_hz, amplitude_um)| Self::Sine {
+                    frequency_hz,
+                    amplitude_um,
+                }),
             ["step", um] => number(um).map(|size_um| Self::Step { size_um }),
             _ => None,
         };
-        found.ok_or_else(|| format!("disturbance `{text}`; expected sine:HZ:UM (HZ above 0, at most {:.0}) or step:UM", 0.5 / period_s))
+        found.ok_or_else(|| {
+            format!(
+                "disturbance `{text}`; expected sine:HZ:UM (HZ above 0, at most {:.0}) or step:UM",
+                0.5 / period_s
+            )
+        })
     }
 
     /// A sample for each of `count` ticks, um; a step at the tick `from`.
     #[must_use]
     pub fn samples_um(&self, count: usize, from: usize, period_s: f64) -> Vec<f64> {
         let at = |tick: usize| match self {
-            Self::Sine { frequency_hz, amplitude_um } => amplitude_um * (TAU * frequency_hz * tick as f64 * period_s).sin(),
+            Self::Sine {
+                frequency_hz,
+                amplitude_um,
+            } => amplitude_um * (TAU * frequency_hz * tick as f64 * period_s).sin(),
             Self::Step { size_um } => {
                 if tick < from {
                     0.0

@@ -33,14 +33,26 @@ pub struct DisturbanceObserverGains {
 /// The law in f64, designed for the first mode of a model.
 #[must_use]
 pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorDesign {
-    let (w, xi) = (linear.first_mode.natural_frequency_rad_s, linear.first_mode.damping_ratio);
+    let (w, xi) = (
+        linear.first_mode.natural_frequency_rad_s,
+        linear.first_mode.damping_ratio,
+    );
     let wq = gains.cutoff_rad_s;
     let mut a = DMatrix::zeros(STATES, STATES);
-    let (mut b, mut l, mut k) = (DVector::zeros(STATES), DVector::zeros(STATES), DVector::zeros(STATES));
+    let (mut b, mut l, mut k) = (
+        DVector::zeros(STATES),
+        DVector::zeros(STATES),
+        DVector::zeros(STATES),
+    );
     // Q / P_n by Tustin's rule: b0 + b1 / z + b2 / z^2 over (1 - p / z)^2, written as two lags of unit gain.
     let c = 2.0 / linear.period_s;
     let leading = (c + wq).powi(2) / (wq / w).powi(2);
-    let [b0, b1, b2] = [c * c + 2.0 * xi * w * c + w * w, 2.0 * (w * w - c * c), c * c - 2.0 * xi * w * c + w * w].map(|v| v / leading);
+    let [b0, b1, b2] = [
+        c * c + 2.0 * xi * w * c + w * w,
+        2.0 * (w * w - c * c),
+        c * c - 2.0 * xi * w * c + w * w,
+    ]
+    .map(|v| v / leading);
     let p = (c - wq) / (c + wq);
     let first = (b1 + 2.0 * p * b0) / (1.0 - p);
     let second = (b2 - p * p * b0 + p * first * (1.0 - p)) / (1.0 - p).powi(2);
@@ -65,17 +77,31 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
     a[(5, 4)] = 1.0;
     k[2] = 1.0;
     k[5] = -1.0;
-    PredictorDesign { a, b, c: DVector::zeros(STATES), l, k, feedforward: feedforward(&linear.sampled()), period_s: linear.period_s }
+    PredictorDesign {
+        a,
+        b,
+        c: DVector::zeros(STATES),
+        l,
+        k,
+        feedforward: feedforward(&linear.sampled()),
+        period_s: linear.period_s,
+    }
 }
 
 /// The gains with the smallest expected error of those that keep the same margins as a predictor, with what
 /// they are worth.
 #[must_use]
-pub fn tune(linear: &LinearModel, demands: &Demands) -> Option<(DisturbanceObserverGains, TuningJudgement)> {
+pub fn tune(
+    linear: &LinearModel,
+    demands: &Demands,
+) -> Option<(DisturbanceObserverGains, TuningJudgement)> {
     let mut candidates = Vec::new();
     for i in 0..16 {
         for proportional in [0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6] {
-            candidates.push(DisturbanceObserverGains { cutoff_rad_s: 300.0 * 1.25_f64.powi(i), proportional });
+            candidates.push(DisturbanceObserverGains {
+                cutoff_rad_s: 300.0 * 1.25_f64.powi(i),
+                proportional,
+            });
         }
     }
     best_of(candidates, |gains| law(linear, gains), linear, demands)
@@ -88,7 +114,10 @@ mod tests {
 
     fn plant() -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 5300.0, damping_ratio: 0.78 },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 5300.0,
+                damping_ratio: 0.78,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
@@ -99,7 +128,13 @@ mod tests {
     /// A constant unknown input is estimated to the last digit: the motion does not answer to it at rest.
     #[test]
     fn a_constant_unknown_input_leaves_no_error() {
-        let design = law(&plant(), &DisturbanceObserverGains { cutoff_rad_s: 1000.0, proportional: 0.2 });
+        let design = law(
+            &plant(),
+            &DisturbanceObserverGains {
+                cutoff_rad_s: 1000.0,
+                proportional: 0.2,
+            },
+        );
         let sampled = plant().sampled();
         assert!(design.spectral_radius(&sampled, 1.0, 0) < 1.0);
         let (unknown, _) = design.sensitivities(&sampled, 1e-3);
@@ -111,7 +146,11 @@ mod tests {
     #[test]
     fn a_tuned_one_keeps_its_margins_and_fits_the_tick() {
         let (gains, judgement) = tune(&plant(), &Demands::default()).unwrap();
-        assert!(judgement.accepted && judgement.margins.gain_plus_half < 1.0 && judgement.margins.delay < 1.0);
+        assert!(
+            judgement.accepted
+                && judgement.margins.gain_plus_half < 1.0
+                && judgement.margins.delay < 1.0
+        );
         law(&plant(), &gains).quantised().unwrap();
     }
 }

@@ -15,7 +15,9 @@ use super::reference::Reference;
 use super::track::{Circumstances, PeriodicReference, ReferenceShape, track};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::{Overview, by_id, delay, gain, hysteresis, initial_curve, play_operators, second_mode, vibration};
+use hysteron_sim::effect::{
+    Overview, by_id, delay, gain, hysteresis, initial_curve, play_operators, second_mode, vibration,
+};
 
 /// Beginnings that are tried, each with another noise: one that swings is enough.
 const BEGINNINGS: usize = 4;
@@ -55,7 +57,12 @@ pub(super) fn varied(chain: &Model, variation: &PlantVariation) -> Model {
             second_mode::ID => (1, 1, slower),
             _ => continue,
         };
-        effect.parameters.iter_mut().skip(from).step_by(apart).for_each(|p| p.value *= factor);
+        effect
+            .parameters
+            .iter_mut()
+            .skip(from)
+            .step_by(apart)
+            .for_each(|p| p.value *= factor);
     }
     if variation.delay_s > 0.0 {
         if out.effect(delay::ID).is_none()
@@ -66,7 +73,12 @@ pub(super) fn varied(chain: &Model, variation: &PlantVariation) -> Model {
             instance.parameters.iter_mut().for_each(|p| p.value = 0.0);
             out.effects.push(instance);
         }
-        for p in out.effects.iter_mut().filter(|e| e.id == delay::ID).flat_map(|e| &mut e.parameters) {
+        for p in out
+            .effects
+            .iter_mut()
+            .filter(|e| e.id == delay::ID)
+            .flat_map(|e| &mut e.parameters)
+        {
             p.value += variation.delay_s;
         }
     }
@@ -78,9 +90,17 @@ impl Beginning<'_> {
     #[must_use]
     pub fn swings(&self, variation: &PlantVariation) -> bool {
         let chain = varied(self.chain, variation);
-        let design = ServoDesign { learning: None, adaptation: None, ..self.design.clone() };
-        let motions_um = parallel::map_indices(BEGINNINGS, |nth| self.motion_um(&chain, &design, nth as u64 + 1));
-        motions_um.into_iter().any(|motion_um| motion_um.is_nan() || motion_um > SWINGING * self.noise_um)
+        let design = ServoDesign {
+            learning: None,
+            adaptation: None,
+            ..self.design.clone()
+        };
+        let motions_um = parallel::map_indices(BEGINNINGS, |nth| {
+            self.motion_um(&chain, &design, nth as u64 + 1)
+        });
+        motions_um
+            .into_iter()
+            .any(|motion_um| motion_um.is_nan() || motion_um > SWINGING * self.noise_um)
     }
 
     /// RMS motion about its mean at the end, um; none where the design does not fit the tick.
@@ -92,8 +112,20 @@ impl Beginning<'_> {
             offset_um: 0.5 * self.travel_um,
             phase_deg: 0.0,
         };
-        let circumstances = Circumstances { noise_um: self.noise_um, seed, disturbance: None };
-        let Ok(found) = track(chain, design, &Reference::Periodic(reference), "rest", circumstances) else { return 0.0 };
+        let circumstances = Circumstances {
+            noise_um: self.noise_um,
+            seed,
+            disturbance: None,
+        };
+        let Ok(found) = track(
+            chain,
+            design,
+            &Reference::Periodic(reference),
+            "rest",
+            circumstances,
+        ) else {
+            return 0.0;
+        };
         let tail = &found.sensor_um[found.sensor_um.len().saturating_sub(AT_REST)..];
         let mean = tail.iter().sum::<f64>() / tail.len().max(1) as f64;
         (tail.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / tail.len().max(1) as f64).sqrt()
@@ -110,21 +142,41 @@ mod tests {
     fn a_varied_chain_is_the_varied_plant() {
         let overview = Overview::without_data(0.0, 80.0);
         let mut chain = Model::new(0.0, 80.0);
-        let effects: [(&str, &[f64]); 3] =
-            [("hysteresis", &[9.0, 1.0, -2.0]), ("vibration", &[5000.0, 0.3]), ("second_mode", &[0.02, 30_000.0, 0.05])];
+        let effects: [(&str, &[f64]); 3] = [
+            ("hysteresis", &[9.0, 1.0, -2.0]),
+            ("vibration", &[5000.0, 0.3]),
+            ("second_mode", &[0.02, 30_000.0, 0.05]),
+        ];
         for (id, values) in effects {
-            chain.effects.push(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+            chain
+                .effects
+                .push(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
-        let variation = PlantVariation { gain: 1.4, mass_ratio: 1.7, delay_s: 3e-5, mode: None };
+        let variation = PlantVariation {
+            gain: 1.4,
+            mass_ratio: 1.7,
+            delay_s: 3e-5,
+            mode: None,
+        };
         let other = varied(&chain, &variation);
         let [before, after] = [&chain, &other].map(|c| actuator_model(c).unwrap());
         assert!((after.reach_um() / before.reach_um() - 1.4).abs() < 1e-12);
         let expected = before.linear.with_mass_ratio(1.7);
         let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-12;
         let (mode, of) = (after.linear.first_mode, expected.first_mode);
-        assert!(close(mode.natural_frequency_rad_s, of.natural_frequency_rad_s) && close(mode.damping_ratio, of.damping_ratio));
-        let (Some((share, mode)), Some((of_share, of))) = (after.linear.second_mode, expected.second_mode) else { panic!("a mode") };
-        assert!(close(share, of_share) && close(mode.natural_frequency_rad_s, of.natural_frequency_rad_s));
+        assert!(
+            close(mode.natural_frequency_rad_s, of.natural_frequency_rad_s)
+                && close(mode.damping_ratio, of.damping_ratio)
+        );
+        let (Some((share, mode)), Some((of_share, of))) =
+            (after.linear.second_mode, expected.second_mode)
+        else {
+            panic!("a mode")
+        };
+        assert!(
+            close(share, of_share)
+                && close(mode.natural_frequency_rad_s, of.natural_frequency_rad_s)
+        );
         assert_eq!(known_delay_s(&other), 3e-5);
         assert_eq!(known_delay_s(&varied(&other, &variation)), 6e-5);
     }

@@ -75,14 +75,31 @@ impl AdaptationDesign {
     pub fn quantised(&self) -> Result<AdaptationParameters, QuantisationError> {
         let (gain_bits, um_bits) = (GAIN_FRACTION_BITS as i32, MICROMETRE_FRACTION_BITS as i32);
         let parameters = AdaptationParameters {
-            most: number("bound of the adapted gain", self.farthest, gain_bits)?.min(hysteron_core::gain_adaptation::MOST),
+            most: number("bound of the adapted gain", self.farthest, gain_bits)?
+                .min(hysteron_core::gain_adaptation::MOST),
             most_step: number("step of the adapted gain", self.most_step, gain_bits)?,
-            error_limit: number("largest error that a gain is learned from", self.error_limit_um, um_bits)?,
-            least_motion: number("least motion that a gain is learned from", self.least_motion_um, um_bits)?,
+            error_limit: number(
+                "largest error that a gain is learned from",
+                self.error_limit_um,
+                um_bits,
+            )?,
+            least_motion: number(
+                "least motion that a gain is learned from",
+                self.least_motion_um,
+                um_bits,
+            )?,
         };
-        let wrong = QuantisationError { what: "bounds of the adapted gain: farthest".into(), value: self.farthest, limit: FARTHEST };
+        let wrong = QuantisationError {
+            what: "bounds of the adapted gain: farthest".into(),
+            value: self.farthest,
+            limit: FARTHEST,
+        };
         // A share beyond the bound is refused, one that only rounding took beyond it is not.
-        if parameters.accepted() && self.farthest <= FARTHEST { Ok(parameters) } else { Err(wrong) }
+        if parameters.accepted() && self.farthest <= FARTHEST {
+            Ok(parameters)
+        } else {
+            Err(wrong)
+        }
     }
 }
 
@@ -95,12 +112,30 @@ mod tests {
         let design = AdaptationDesign::new(10.0);
         assert!(design.quantised().unwrap().accepted());
         for broken in [
-            AdaptationDesign { farthest: 0.25, ..design },
-            AdaptationDesign { farthest: 0.0, ..design },
-            AdaptationDesign { most_step: 0.3, ..design },
-            AdaptationDesign { error_limit_um: 0.0, ..design },
-            AdaptationDesign { least_motion_um: f64::NAN, ..design },
-            AdaptationDesign { least_motion_um: 0.0, ..design },
+            AdaptationDesign {
+                farthest: 0.25,
+                ..design
+            },
+            AdaptationDesign {
+                farthest: 0.0,
+                ..design
+            },
+            AdaptationDesign {
+                most_step: 0.3,
+                ..design
+            },
+            AdaptationDesign {
+                error_limit_um: 0.0,
+                ..design
+            },
+            AdaptationDesign {
+                least_motion_um: f64::NAN,
+                ..design
+            },
+            AdaptationDesign {
+                least_motion_um: 0.0,
+                ..design
+            },
         ] {
             assert!(broken.quantised().is_err(), "{broken:?}");
         }

@@ -25,7 +25,8 @@ use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
 use super::robust::{LEAST_DAMPING_SPREAD, ModeSpread, Task, frequency_grid_hz, law_response};
 use hysteron_core::learned_feedforward::{
-    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, POINT_FRACTION_BITS, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
+    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, POINT_FRACTION_BITS,
+    ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
 };
 use hysteron_core::predictor_law::OUTPUT_ROW_FRACTION_BITS;
 use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
@@ -142,7 +143,10 @@ struct Met {
 /// `sum c_i e^(j w T (i - before))`.
 fn response(taps: &[f64], before: usize, period_s: f64, hz: f64) -> Complex<f64> {
     let step = TAU * hz * period_s;
-    taps.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before as f64))).sum()
+    taps.iter()
+        .enumerate()
+        .map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before as f64)))
+        .sum()
 }
 
 /// Samples before the point that the first tap of `L` weighs.
@@ -170,11 +174,18 @@ fn with_feedforward(law: &PredictorDesign, feedforward: &[f64]) -> PredictorDesi
 fn positions(mode: ModeModel, spread: ModeSpread) -> Vec<ModeModel> {
     let widest = spread.frequency.max(LEAST_FREQUENCY_SPREAD);
     let damping_ratio = mode.damping_ratio * (1.0 - spread.damping);
-    let steps = (widest / (2.0 * damping_ratio)).ceil().clamp(1.0, MOST_STEPS) as i32;
+    let steps = (widest / (2.0 * damping_ratio))
+        .ceil()
+        .clamp(1.0, MOST_STEPS) as i32;
     (-steps..=steps)
         .map(|i| ModeModel {
-            natural_frequency_rad_s: mode.natural_frequency_rad_s * (1.0 + widest * f64::from(i) / f64::from(steps)),
-            damping_ratio: if i == 0 { mode.damping_ratio } else { damping_ratio },
+            natural_frequency_rad_s: mode.natural_frequency_rad_s
+                * (1.0 + widest * f64::from(i) / f64::from(steps)),
+            damping_ratio: if i == 0 {
+                mode.damping_ratio
+            } else {
+                damping_ratio
+            },
         })
         .collect()
 }
@@ -182,13 +193,25 @@ fn positions(mode: ModeModel, spread: ModeSpread) -> Vec<ModeModel> {
 /// The plants of the set: every combination of gain and moved modes.
 fn plants(task: &Task<'_>) -> Vec<(f64, LinearModel)> {
     let second: Vec<_> = match (task.linear.second_mode, task.second) {
-        (Some((share, mode)), Some(spread)) => positions(mode, spread).into_iter().map(|mode| Some((share, mode))).collect(),
+        (Some((share, mode)), Some(spread)) => positions(mode, spread)
+            .into_iter()
+            .map(|mode| Some((share, mode)))
+            .collect(),
         (second, _) => vec![second],
     };
     let mut out = Vec::new();
     for gain in [1.0 - GAIN_SPREAD, 1.0, 1.0 + GAIN_SPREAD] {
         for first_mode in positions(task.linear.first_mode, task.first) {
-            out.extend(second.iter().map(|second_mode| (gain, LinearModel { first_mode, second_mode: *second_mode, ..task.linear })));
+            out.extend(second.iter().map(|second_mode| {
+                (
+                    gain,
+                    LinearModel {
+                        first_mode,
+                        second_mode: *second_mode,
+                        ..task.linear
+                    },
+                )
+            }));
         }
     }
     out
@@ -199,8 +222,13 @@ fn grid_hz(task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<f64> {
     let mut grid = frequency_grid_hz(&task.linear);
     let highest_hz = grid.last().copied().unwrap_or(0.0);
     for (_, linear) in plants {
-        for mode in std::iter::once(linear.first_mode).chain(linear.second_mode.map(|(_, mode)| mode)) {
-            let around = (-2..=2).map(|i| mode.natural_frequency_rad_s / TAU * (1.0 + mode.damping_ratio.min(0.1) * f64::from(i)));
+        for mode in
+            std::iter::once(linear.first_mode).chain(linear.second_mode.map(|(_, mode)| mode))
+        {
+            let around = (-2..=2).map(|i| {
+                mode.natural_frequency_rad_s / TAU
+                    * (1.0 + mode.damping_ratio.min(0.1) * f64::from(i))
+            });
             grid.extend(around.filter(|hz| *hz < highest_hz));
         }
     }
@@ -211,9 +239,19 @@ fn grid_hz(task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<f64> {
 }
 
 fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<Met> {
-    let sampled = |gain: f64, linear: &LinearModel| PlantVariation { gain, delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(linear);
+    let sampled = |gain: f64, linear: &LinearModel| {
+        PlantVariation {
+            gain,
+            delay_s: task.delay_s,
+            ..PlantVariation::NONE
+        }
+        .sampled(linear)
+    };
     let nominal = sampled(1.0, &task.linear);
-    let set: Vec<_> = plants.iter().map(|(gain, linear)| sampled(*gain, linear)).collect();
+    let set: Vec<_> = plants
+        .iter()
+        .map(|(gain, linear)| sampled(*gain, linear))
+        .collect();
     let one = Complex::new(1.0, 0.0);
     crate::parallel::map(&grid_hz(task, plants), |hz| {
         let hz = *hz;
@@ -226,7 +264,10 @@ fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) ->
         Met {
             hz,
             nominal: from_correction(law, p, hz),
-            set: set.iter().map(|plant| from_correction(law, frequency_response(plant, TAU * hz), hz)).collect(),
+            set: set
+                .iter()
+                .map(|plant| from_correction(law, frequency_response(plant, TAU * hz), hz))
+                .collect(),
             missing: unknown * (feedforward + k).norm() * s.norm_sqr() / reserve,
         }
     })
@@ -239,7 +280,9 @@ fn learning_taps(met: &[Met], period_s: f64) -> Option<Vec<f64>> {
     let mean = a.trace() / LEARNING_TAPS as f64;
     (0..12).find_map(|nth| {
         let weight = mean * TAP_WEIGHT * 3f64.powi(nth);
-        let taps = (&a + DMatrix::identity(LEARNING_TAPS, LEARNING_TAPS) * weight).cholesky()?.solve(&b);
+        let taps = (&a + DMatrix::identity(LEARNING_TAPS, LEARNING_TAPS) * weight)
+            .cholesky()?
+            .solve(&b);
         (taps.lp_norm(1) < LARGEST_SUM).then(|| taps.as_slice().to_vec())
     })
 }
@@ -258,10 +301,26 @@ fn of_references(hz: f64) -> f64 {
 /// more of such a reference than the law's own.
 fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     let one = Complex::new(1.0, 0.0);
-    let near = |spread: ModeSpread| ModeSpread { frequency: LEAST_FREQUENCY_SPREAD, damping: spread.damping.min(LEAST_DAMPING_SPREAD) };
-    let near = Task { first: near(task.first), second: task.second.map(near), ..*task };
-    let plants: Vec<_> = plants(&near).into_iter().filter(|(gain, _)| *gain == 1.0).collect();
-    let sampled = |linear: &LinearModel| PlantVariation { delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(linear);
+    let near = |spread: ModeSpread| ModeSpread {
+        frequency: LEAST_FREQUENCY_SPREAD,
+        damping: spread.damping.min(LEAST_DAMPING_SPREAD),
+    };
+    let near = Task {
+        first: near(task.first),
+        second: task.second.map(near),
+        ..*task
+    };
+    let plants: Vec<_> = plants(&near)
+        .into_iter()
+        .filter(|(gain, _)| *gain == 1.0)
+        .collect();
+    let sampled = |linear: &LinearModel| {
+        PlantVariation {
+            delay_s: task.delay_s,
+            ..PlantVariation::NONE
+        }
+        .sampled(linear)
+    };
     let set: Vec<_> = plants.iter().map(|(_, linear)| sampled(linear)).collect();
     let nominal = sampled(&task.linear);
     let before = (WINDOW - PREVIEW_TICKS) as f64;
@@ -278,7 +337,12 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
         }
         let n = set.len().max(1) as f64;
         let missing = task.unknown_at(*hz) / DEVIATIONS_OF_MISSING;
-        (*hz, power / n + missing.powi(2) * sensitive / n, mean / n, of_references(*hz))
+        (
+            *hz,
+            power / n + missing.powi(2) * sensitive / n,
+            mean / n,
+            of_references(*hz),
+        )
     });
     let mut a = DMatrix::<f64>::zeros(WINDOW, WINDOW);
     let mut b = DVector::<f64>::zeros(WINDOW);
@@ -302,7 +366,9 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     add(0.0, 1.0, one, AT_REST * total.max(f64::MIN_POSITIVE));
     let found = (0..20).find_map(|nth| {
         let ridge = total * LEAST_RIDGE * 3f64.powi(nth);
-        let taps = (&a + DMatrix::identity(WINDOW, WINDOW) * ridge).cholesky()?.solve(&b);
+        let taps = (&a + DMatrix::identity(WINDOW, WINDOW) * ridge)
+            .cholesky()?
+            .solve(&b);
         (taps.lp_norm(1) < LARGEST_SUM).then(|| taps.as_slice().to_vec())
     });
     // What is left of a reference on the model itself.
@@ -315,7 +381,9 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
         }
         sum
     };
-    found.filter(|taps| left(&with_feedforward(law, taps)) < left(law)).unwrap_or_default()
+    found
+        .filter(|taps| left(&with_feedforward(law, taps)) < left(law))
+        .unwrap_or_default()
 }
 
 fn normal_equations(met: &[Met], period_s: f64) -> (DMatrix<f64>, DVector<f64>) {
@@ -325,14 +393,18 @@ fn normal_equations(met: &[Met], period_s: f64) -> (DMatrix<f64>, DVector<f64>) 
     for here in met {
         let count = here.set.len().max(1) as f64;
         let mean: Complex<f64> = here.set.iter().sum::<Complex<f64>>() / count;
-        let power = here.set.iter().map(|t| t.norm_sqr()).sum::<f64>() / count + here.missing.powi(2);
+        let power =
+            here.set.iter().map(|t| t.norm_sqr()).sum::<f64>() / count + here.missing.powi(2);
         // What cannot be learned anyway must not spoil what can.
         let weight = (mean.norm() / here.missing.max(1e-12)).min(1.0) * (here.hz - last_hz);
         last_hz = here.hz;
         let step = TAU * here.hz * period_s;
-        let cosines: Vec<f64> = (0..LEARNING_TAPS).map(|lag| weight * power * (step * lag as f64).cos()).collect();
+        let cosines: Vec<f64> = (0..LEARNING_TAPS)
+            .map(|lag| weight * power * (step * lag as f64).cos())
+            .collect();
         for i in 0..LEARNING_TAPS {
-            let turned = Complex::from_polar(1.0, step * (i as f64 - LEARNING_BEFORE as f64)) * mean;
+            let turned =
+                Complex::from_polar(1.0, step * (i as f64 - LEARNING_BEFORE as f64)) * mean;
             b[i] += weight * turned.re;
             for k in 0..LEARNING_TAPS {
                 a[(i, k)] += cosines[i.abs_diff(k)];
@@ -347,7 +419,11 @@ fn normal_equations(met: &[Met], period_s: f64) -> (DMatrix<f64>, DVector<f64>) 
 fn allowed(worst: f64) -> (f64, f64) {
     let converging = (CONTRACTION / worst.max(1e-9)).min(1.0);
     // (1 - Q) / (1 - |Q| worst) <= MOST_LEFT, for either sign of Q.
-    let largest = if worst > 1.0 { (MOST_LEFT - 1.0) / (MOST_LEFT * worst - 1.0) } else { 1.0 };
+    let largest = if worst > 1.0 {
+        (MOST_LEFT - 1.0) / (MOST_LEFT * worst - 1.0)
+    } else {
+        1.0
+    };
     let least = (MOST_LEFT - 1.0) / (1.0 + MOST_LEFT * worst);
     (-least.min(converging), largest.min(converging))
 }
@@ -366,21 +442,44 @@ fn robustness_taps(judged: &[Judged], period_s: f64) -> Vec<f64> {
         weight: f64,
         held: f64,
     }
-    let at = |cosines: &[f64], taps: &[f64]| -> f64 { cosines.iter().zip(taps).map(|(c, t)| c * t).sum() };
+    let at = |cosines: &[f64], taps: &[f64]| -> f64 {
+        cosines.iter().zip(taps).map(|(c, t)| c * t).sum()
+    };
     let mut points: Vec<Point> = (0..POINTS)
         .map(|i| {
             let hz = (i as f64 + 0.5) * step_hz;
-            let near = || judged.iter().filter(|here| (here.hz - hz).abs() <= 1.5 * step_hz);
-            let limits =
-                near().map(|here| allowed(here.worst)).fold((-1.0_f64, 1.0_f64), |(least, largest), (a, b)| (least.max(a), largest.min(b)));
+            let near = || {
+                judged
+                    .iter()
+                    .filter(|here| (here.hz - hz).abs() <= 1.5 * step_hz)
+            };
+            let limits = near()
+                .map(|here| allowed(here.worst))
+                .fold((-1.0_f64, 1.0_f64), |(least, largest), (a, b)| {
+                    (least.max(a), largest.min(b))
+                });
             let missed = near().map(|here| here.missed).sum::<f64>() / near().count().max(1) as f64;
-            let cosines =
-                (0..half).map(|k| if k == 0 { 1.0 } else { 2.0 * (PI * (i as f64 + 0.5) * k as f64 / POINTS as f64).cos() }).collect();
-            Point { cosines, limits, weight: (missed + 1e-4) * of_references(hz), held: 0.0 }
+            let cosines = (0..half)
+                .map(|k| {
+                    if k == 0 {
+                        1.0
+                    } else {
+                        2.0 * (PI * (i as f64 + 0.5) * k as f64 / POINTS as f64).cos()
+                    }
+                })
+                .collect();
+            Point {
+                cosines,
+                limits,
+                weight: (missed + 1e-4) * of_references(hz),
+                held: 0.0,
+            }
         })
         .collect();
     let largest_weight = points.iter().map(|p| p.weight).fold(0.0, f64::max);
-    points.iter_mut().for_each(|p| p.weight = p.weight / largest_weight + 1e-6);
+    points
+        .iter_mut()
+        .for_each(|p| p.weight = p.weight / largest_weight + 1e-6);
     let mut taps = vec![0.0; half];
     for _ in 0..MOST_ROUNDS {
         let mut a = DMatrix::<f64>::identity(half, half) * 1e-9;
@@ -398,7 +497,11 @@ fn robustness_taps(judged: &[Judged], period_s: f64) -> Vec<f64> {
             if p.held > 0.0 {
                 let q = at(&p.cosines, &taps);
                 // A little inside.
-                let target = if q > 0.5 * (p.limits.0 + p.limits.1) { p.limits.1 } else { p.limits.0 };
+                let target = if q > 0.5 * (p.limits.0 + p.limits.1) {
+                    p.limits.1
+                } else {
+                    p.limits.0
+                };
                 add(&p.cosines, 0.98 * target, p.held);
             }
         }
@@ -447,7 +550,9 @@ struct Judged {
 /// Rounded as the integers are.
 fn rounded(taps: &[f64], fraction_bits: u32) -> Vec<f64> {
     let scale = 2f64.powi(fraction_bits as i32);
-    taps.iter().map(|tap| (tap * scale).round() / scale).collect()
+    taps.iter()
+        .map(|tap| (tap * scale).round() / scale)
+        .collect()
 }
 
 impl LearningDesign {
@@ -472,11 +577,20 @@ impl LearningDesign {
                 let l = response(&learning, LEARNING_BEFORE, period_s, here.hz);
                 let left = |t: &Complex<f64>| (one - l * t).norm();
                 let worst = here.set.iter().map(left).fold(0.0, f64::max) + l.norm() * here.missing;
-                let missed = here.set.iter().map(|t| (one - t).norm_sqr()).sum::<f64>() / here.set.len().max(1) as f64;
-                Judged { hz: here.hz, nominal: left(&here.nominal), worst, missed }
+                let missed = here.set.iter().map(|t| (one - t).norm_sqr()).sum::<f64>()
+                    / here.set.len().max(1) as f64;
+                Judged {
+                    hz: here.hz,
+                    nominal: left(&here.nominal),
+                    worst,
+                    missed,
+                }
             })
             .collect();
-        let robustness = rounded(&robustness_taps(&judged, period_s), ROBUSTNESS_FRACTION_BITS);
+        let robustness = rounded(
+            &robustness_taps(&judged, period_s),
+            ROBUSTNESS_FRACTION_BITS,
+        );
         let convergence: Vec<ConvergencePoint> = judged
             .iter()
             .map(|here| ConvergencePoint {
@@ -500,7 +614,9 @@ impl LearningDesign {
         };
         let (contraction, hz) = out.worst_contraction();
         if contraction.is_nan() || contraction >= 1.0 {
-            return Err(format!("learning would not converge: |Q (1 - L T)| is {contraction:.2} at {hz:.0} Hz"));
+            return Err(format!(
+                "learning would not converge: |Q (1 - L T)| is {contraction:.2} at {hz:.0} Hz"
+            ));
         }
         if out.learns_to_hz() <= 0.0 {
             return Err(format!("nothing can be learned: {}", out.what_closes()));
@@ -518,27 +634,46 @@ impl LearningDesign {
     #[must_use]
     pub fn worst_contraction(&self) -> (f64, f64) {
         let worst = self.convergence.iter().map(|p| (p.contraction(), p.hz));
-        worst.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
+        worst
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::NAN, 0.0))
     }
 
     /// The frequency up to which more than half is learned, Hz.
     #[must_use]
     pub fn learns_to_hz(&self) -> f64 {
-        self.convergence.iter().take_while(|p| p.robustness > 0.5).last().map_or(0.0, |p| p.hz)
+        self.convergence
+            .iter()
+            .take_while(|p| p.robustness > 0.5)
+            .last()
+            .map_or(0.0, |p| p.hz)
     }
 
     /// Largest `|Q (1 - L T)|` on an actuator, its gain multiplied, and where, Hz.
     #[must_use]
-    pub fn contraction_on(&self, law: &PredictorDesign, linear: &LinearModel, gain: f64, delay_s: f64) -> (f64, f64) {
-        let plant = PlantVariation { gain, delay_s, ..PlantVariation::NONE }.sampled(linear);
+    pub fn contraction_on(
+        &self,
+        law: &PredictorDesign,
+        linear: &LinearModel,
+        gain: f64,
+        delay_s: f64,
+    ) -> (f64, f64) {
+        let plant = PlantVariation {
+            gain,
+            delay_s,
+            ..PlantVariation::NONE
+        }
+        .sampled(linear);
         let law = &self.of(law);
         let at = |hz: f64| {
             let t = from_correction(law, frequency_response(&plant, TAU * hz), hz);
-            let left = Complex::new(1.0, 0.0) - response(&self.learning, LEARNING_BEFORE, self.period_s, hz) * t;
+            let left = Complex::new(1.0, 0.0)
+                - response(&self.learning, LEARNING_BEFORE, self.period_s, hz) * t;
             (left * response(&self.robustness, ROBUSTNESS_BEFORE, self.period_s, hz)).norm()
         };
         let all = frequency_grid_hz(linear).into_iter().map(|hz| (at(hz), hz));
-        all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
+        all.max_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::NAN, 0.0))
     }
 
     /// Why nothing is learned beyond [`Self::learns_to_hz`]: the first frequency at which a correction could
@@ -561,7 +696,10 @@ impl LearningDesign {
     #[must_use]
     pub fn in_words(&self) -> String {
         if self.learns_to_hz() <= 0.0 {
-            return format!("Nothing of a periodic reference is learned: {}.", self.what_closes());
+            return format!(
+                "Nothing of a periodic reference is learned: {}.",
+                self.what_closes()
+            );
         }
         let (contraction, hz) = self.worst_contraction();
         format!(
@@ -583,7 +721,11 @@ impl LearningDesign {
         Ok(LearningParameters {
             learning: row_um("learning filter", &self.learning)?,
             robustness: row_um("robustness filter", &self.robustness)?,
-            error_limit: number("largest error that is learned from", self.error_limit_um, 24)?,
+            error_limit: number(
+                "largest error that is learned from",
+                self.error_limit_um,
+                24,
+            )?,
             point_limit: i16::try_from(limit).map_err(|_| QuantisationError {
                 what: "largest correction".into(),
                 value: self.correction_limit_um,
@@ -604,8 +746,17 @@ mod tests {
 
     fn linear() -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 5300.0, damping_ratio: 0.6 },
-            second_mode: Some((0.03, ModeModel { natural_frequency_rad_s: 25_000.0, damping_ratio: 0.02 })),
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 5300.0,
+                damping_ratio: 0.6,
+            },
+            second_mode: Some((
+                0.03,
+                ModeModel {
+                    natural_frequency_rad_s: 25_000.0,
+                    damping_ratio: 0.02,
+                },
+            )),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
             period_s: 5e-5,
@@ -613,11 +764,20 @@ mod tests {
     }
 
     fn law() -> PredictorDesign {
-        PredictorDesign::new(&linear(), &PredictorTuning { effort_weight: 0.3, ..PredictorTuning::START })
+        PredictorDesign::new(
+            &linear(),
+            &PredictorTuning {
+                effort_weight: 0.3,
+                ..PredictorTuning::START
+            },
+        )
     }
 
     fn task() -> Task<'static> {
-        let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+        let spread = ModeSpread {
+            frequency: 0.02,
+            damping: 0.2,
+        };
         Task {
             linear: linear(),
             first: spread,
@@ -631,7 +791,12 @@ mod tests {
 
     /// Motion of the loop, sample by sample, when one sample of the reference is corrected by 1 um and
     /// nothing else is asked.
-    fn after_one_corrected_sample(law: &PredictorDesign, plant: &SampledModel, at: usize, samples: usize) -> Vec<f64> {
+    fn after_one_corrected_sample(
+        law: &PredictorDesign,
+        plant: &SampledModel,
+        at: usize,
+        samples: usize,
+    ) -> Vec<f64> {
         let correction = |k: i64| f64::from(u8::from(k == at as i64));
         let (mut x, mut z) = (DVector::zeros(plant.b.len()), DVector::zeros(law.b.len()));
         let mut feedforward = 0.0;
@@ -643,7 +808,9 @@ mod tests {
             let innovation = y - correction(k) - law.c.dot(&z);
             z = &law.a * &z + &law.l * innovation - &law.b * law.k.dot(&z);
             x = &plant.a * &x + &plant.b * drive;
-            feedforward = (0..WINDOW as i64).map(|i| law.feedforward[i as usize] * correction(k + i - 7)).sum();
+            feedforward = (0..WINDOW as i64)
+                .map(|i| law.feedforward[i as usize] * correction(k + i - 7))
+                .sum();
         }
         motion
     }
@@ -652,22 +819,53 @@ mod tests {
     fn the_answer_to_a_correction_is_that_of_the_loop_in_time() {
         let law = law();
         for gain in [1.0, 0.85] {
-            let plant = PlantVariation { gain, ..PlantVariation::NONE }.sampled(&linear());
+            let plant = PlantVariation {
+                gain,
+                ..PlantVariation::NONE
+            }
+            .sampled(&linear());
             let motion = after_one_corrected_sample(&law, &plant, 40, 6000);
             for hz in [3.0, 100.0, 700.0, 2500.0, 3979.0, 8000.0] {
                 let step = TAU * hz * SAMPLING_PERIOD_S;
-                let seen: Complex<f64> = motion.iter().enumerate().map(|(k, y)| Complex::from_polar(*y, -step * (k as f64 - 40.0))).sum();
+                let seen: Complex<f64> = motion
+                    .iter()
+                    .enumerate()
+                    .map(|(k, y)| Complex::from_polar(*y, -step * (k as f64 - 40.0)))
+                    .sum();
                 let computed = from_correction(&law, frequency_response(&plant, TAU * hz), hz);
-                assert!((seen - computed).norm() < 1e-5 * (1.0 + seen.norm()), "{hz} Hz: {seen} {computed}");
+                assert!(
+                    (seen - computed).norm() < 1e-5 * (1.0 + seen.norm()),
+                    "{hz} Hz: {seen} {computed}"
+                );
             }
         }
     }
 
     #[test]
     fn corners_are_fed_forward_beyond_the_band_of_the_laws_own() {
-        let (law, spread) = (law(), ModeSpread { frequency: 0.02, damping: 0.2 });
-        let known = Task { linear: LinearModel { second_mode: None, ..linear() }, first: spread, second: None, ..task() };
-        let plain = PredictorDesign::new(&known.linear, &PredictorTuning { effort_weight: 0.3, ..PredictorTuning::START });
+        let (law, spread) = (
+            law(),
+            ModeSpread {
+                frequency: 0.02,
+                damping: 0.2,
+            },
+        );
+        let known = Task {
+            linear: LinearModel {
+                second_mode: None,
+                ..linear()
+            },
+            first: spread,
+            second: None,
+            ..task()
+        };
+        let plain = PredictorDesign::new(
+            &known.linear,
+            &PredictorTuning {
+                effort_weight: 0.3,
+                ..PredictorTuning::START
+            },
+        );
         // A recording that excludes whatever is larger than a thousandth.
         let lines: Vec<f64> = (2..1024).map(|i| f64::from(i) * 9.765_625).collect();
         let level = vec![1e-3; lines.len()];
@@ -679,34 +877,91 @@ mod tests {
             frequency_hz: lines,
             ..ServoRecording::default()
         };
-        let design = LearningDesign::new(&plain, &Task { recording: Some(&recording), ..known }, 12.0).unwrap();
+        let design = LearningDesign::new(
+            &plain,
+            &Task {
+                recording: Some(&recording),
+                ..known
+            },
+            12.0,
+        )
+        .unwrap();
         let wide = design.of(&plain);
-        let plant = PlantVariation::NONE.sampled(&LinearModel { second_mode: None, ..linear() });
+        let plant = PlantVariation::NONE.sampled(&LinearModel {
+            second_mode: None,
+            ..linear()
+        });
         let missed = |law: &PredictorDesign, hz: f64| {
-            (frequency_response(&plant, TAU * hz) * law.feedforward_response(hz) - Complex::new(1.0, 0.0)).norm()
+            (frequency_response(&plant, TAU * hz) * law.feedforward_response(hz)
+                - Complex::new(1.0, 0.0))
+            .norm()
         };
-        assert!(missed(&wide, 0.01) < 1e-5, "at rest: {}", missed(&wide, 0.01));
+        assert!(
+            missed(&wide, 0.01) < 1e-5,
+            "at rest: {}",
+            missed(&wide, 0.01)
+        );
         for hz in [3000.0, 4000.0] {
-            assert!(missed(&wide, hz) < 0.5 * missed(&plain, hz), "{hz} Hz: {} {}", missed(&wide, hz), missed(&plain, hz));
+            assert!(
+                missed(&wide, hz) < 0.5 * missed(&plain, hz),
+                "{hz} Hz: {} {}",
+                missed(&wide, hz),
+                missed(&plain, hz)
+            );
         }
         assert!(wide.quantised().is_ok());
         // A design file without it feeds forward as the law does.
-        assert_eq!(LearningDesign { feedforward: Vec::new(), ..design }.of(&law).feedforward, law.feedforward);
+        assert_eq!(
+            LearningDesign {
+                feedforward: Vec::new(),
+                ..design
+            }
+            .of(&law)
+            .feedforward,
+            law.feedforward
+        );
     }
 
     #[test]
     fn what_must_not_be_learned_costs_little_of_what_may() {
-        let narrow = |hz: f64| Judged { hz, nominal: 0.1, worst: if (1900.0..2100.0).contains(&hz) { 2.0 } else { 0.2 }, missed: 1.0 };
-        let judged: Vec<Judged> = (0..1000).map(|i| narrow(10.0 * f64::from(i) + 5.0)).collect();
+        let narrow = |hz: f64| Judged {
+            hz,
+            nominal: 0.1,
+            worst: if (1900.0..2100.0).contains(&hz) {
+                2.0
+            } else {
+                0.2
+            },
+            missed: 1.0,
+        };
+        let judged: Vec<Judged> = (0..1000)
+            .map(|i| narrow(10.0 * f64::from(i) + 5.0))
+            .collect();
         let taps = robustness_taps(&judged, SAMPLING_PERIOD_S);
-        assert!(taps[0] == 0.0 && (1..ROBUSTNESS_TAPS).all(|i| taps[i].to_bits() == taps[ROBUSTNESS_TAPS - i].to_bits()), "symmetric");
+        assert!(
+            taps[0] == 0.0
+                && (1..ROBUSTNESS_TAPS)
+                    .all(|i| taps[i].to_bits() == taps[ROBUSTNESS_TAPS - i].to_bits()),
+            "symmetric"
+        );
         let q = |hz: f64| response(&taps, ROBUSTNESS_BEFORE, SAMPLING_PERIOD_S, hz).re;
         for here in &judged {
             let (least, largest) = allowed(here.worst);
-            assert!(q(here.hz) < 1.02 * largest && q(here.hz) > 1.02 * least, "{} Hz: {} of {largest}", here.hz, q(here.hz));
+            assert!(
+                q(here.hz) < 1.02 * largest && q(here.hz) > 1.02 * least,
+                "{} Hz: {} of {largest}",
+                here.hz,
+                q(here.hz)
+            );
         }
         // Where 64 smoothed taps would have lost half, 400 Hz from what must not be learned.
-        assert!(q(1500.0) > 0.85 && q(2500.0) > 0.85 && q(300.0) > 0.95, "{} {} {}", q(1500.0), q(2500.0), q(300.0));
+        assert!(
+            q(1500.0) > 0.85 && q(2500.0) > 0.85 && q(300.0) > 0.95,
+            "{} {} {}",
+            q(1500.0),
+            q(2500.0),
+            q(300.0)
+        );
     }
 
     #[test]
@@ -714,20 +969,45 @@ mod tests {
         let design = LearningDesign::new(&law(), &task(), 12.0).unwrap();
         assert!(design.convergence.iter().all(|p| p.contraction() < 1.0));
         // Without a recording a mode may stand anywhere from the first one on, and little is learned there.
-        assert!(design.learns_to_hz() > 100.0 && design.learns_to_hz() < 900.0, "{}", design.learns_to_hz());
+        assert!(
+            design.learns_to_hz() > 100.0 && design.learns_to_hz() < 900.0,
+            "{}",
+            design.learns_to_hz()
+        );
         let quantised = design.quantised().unwrap();
         assert!(quantised.accepted());
         // One that learns nothing says why, and not "up to 0 Hz".
-        let closed = |p: &ConvergencePoint| ConvergencePoint { robustness: 0.1 * p.robustness, ..*p };
-        let closed = LearningDesign { convergence: design.convergence.iter().map(closed).collect(), ..design.clone() };
+        let closed = |p: &ConvergencePoint| ConvergencePoint {
+            robustness: 0.1 * p.robustness,
+            ..*p
+        };
+        let closed = LearningDesign {
+            convergence: design.convergence.iter().map(closed).collect(),
+            ..design.clone()
+        };
         let said = closed.in_words();
-        assert!(said.starts_with("Nothing of a periodic reference is learned: at ") && !said.contains("up to 0 Hz"), "{said}");
+        assert!(
+            said.starts_with("Nothing of a periodic reference is learned: at ")
+                && !said.contains("up to 0 Hz"),
+            "{said}"
+        );
         // On plants of the set it converges, and on one with its first mode elsewhere that is seen.
         let (on_model, _) = design.contraction_on(&law(), &linear(), 1.0, 0.0);
         let (on_other, _) = design.contraction_on(&law(), &linear(), 1.1, 0.0);
         assert!(on_model < 1.0 && on_other < 1.0, "{on_model} {on_other}");
-        let slower = ModeModel { natural_frequency_rad_s: 2000.0, damping_ratio: 0.6 };
-        let (far, _) = design.contraction_on(&law(), &LinearModel { first_mode: slower, ..linear() }, 1.0, 0.0);
+        let slower = ModeModel {
+            natural_frequency_rad_s: 2000.0,
+            damping_ratio: 0.6,
+        };
+        let (far, _) = design.contraction_on(
+            &law(),
+            &LinearModel {
+                first_mode: slower,
+                ..linear()
+            },
+            1.0,
+            0.0,
+        );
         assert!(far > 1.0, "{far}");
     }
 
@@ -739,15 +1019,26 @@ mod tests {
         let law = design.of(&law());
         let one = Complex::new(1.0, 0.0);
         let (mut most_kept, mut most_left) = (0.0_f64, 0.0_f64);
-        for mode_hz in [950.0, 1300.0, 1900.0, 2700.0, 3500.0, 4500.0, 6000.0, 7700.0, 9300.0] {
-            let mode = ModeModel { natural_frequency_rad_s: TAU * mode_hz, damping_ratio: 0.015 };
-            let plant = PlantVariation { mode: Some((0.05, mode)), ..PlantVariation::NONE }.sampled(&linear());
+        for mode_hz in [
+            950.0, 1300.0, 1900.0, 2700.0, 3500.0, 4500.0, 6000.0, 7700.0, 9300.0,
+        ] {
+            let mode = ModeModel {
+                natural_frequency_rad_s: TAU * mode_hz,
+                damping_ratio: 0.015,
+            };
+            let plant = PlantVariation {
+                mode: Some((0.05, mode)),
+                ..PlantVariation::NONE
+            }
+            .sampled(&linear());
             // Others than those at which the filters were made, and close together about the mode.
             let about = (-20..=20).map(|i| mode_hz * (1.0 + 0.003 * f64::from(i)));
             for hz in (0..660).map(|i| 3.7 + 15.1 * f64::from(i)).chain(about) {
                 let t = from_correction(&law, frequency_response(&plant, TAU * hz), hz);
                 let q = response(&design.robustness, ROBUSTNESS_BEFORE, SAMPLING_PERIOD_S, hz);
-                let kept = q * (one - response(&design.learning, LEARNING_BEFORE, SAMPLING_PERIOD_S, hz) * t);
+                let kept = q
+                    * (one
+                        - response(&design.learning, LEARNING_BEFORE, SAMPLING_PERIOD_S, hz) * t);
                 most_kept = most_kept.max(kept.norm());
                 most_left = most_left.max(((one - q) / (one - kept)).norm());
             }

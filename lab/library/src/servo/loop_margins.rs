@@ -147,20 +147,39 @@ pub struct Loop<'a> {
 impl Loop<'_> {
     /// The actuator, varied.
     fn plant(&self, variation: &PlantVariation) -> SampledModel {
-        PlantVariation { delay_s: variation.delay_s + self.delay_s, ..*variation }.sampled(self.linear)
+        PlantVariation {
+            delay_s: variation.delay_s + self.delay_s,
+            ..*variation
+        }
+        .sampled(self.linear)
     }
 
     /// Whether it is stable with each of these laws.
     fn stable(&self, laws: &[PredictorDesign], variation: &PlantVariation) -> bool {
         let plant = self.plant(variation);
-        laws.iter().all(|law| law.spectral_radius(&plant, self.gain_ratio[1], 0) < 1.0)
+        laws.iter()
+            .all(|law| law.spectral_radius(&plant, self.gain_ratio[1], 0) < 1.0)
     }
 
     /// Between a stable and an unstable value the value where it turns, by halving the interval's ratio.
-    fn turn(&self, laws: &[PredictorDesign], mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> PlantVariation) -> f64 {
+    fn turn(
+        &self,
+        laws: &[PredictorDesign],
+        mut good: f64,
+        mut bad: f64,
+        at: &dyn Fn(f64) -> PlantVariation,
+    ) -> f64 {
         while (bad / good - 1.0).abs() > PRECISION {
-            let middle = if good > 0.0 { (good * bad).sqrt() } else { 0.5 * bad };
-            if self.stable(laws, &at(middle)) { good = middle } else { bad = middle }
+            let middle = if good > 0.0 {
+                (good * bad).sqrt()
+            } else {
+                0.5 * bad
+            };
+            if self.stable(laws, &at(middle)) {
+                good = middle
+            } else {
+                bad = middle
+            }
         }
         bad
     }
@@ -183,15 +202,36 @@ impl Loop<'_> {
         None
     }
 
-    fn first_unstable(&self, laws: &[PredictorDesign], longest_delay: f64, mode: impl Fn() -> Option<UnstableMode>) -> FirstUnstable {
+    fn first_unstable(
+        &self,
+        laws: &[PredictorDesign],
+        longest_delay: f64,
+        mode: impl Fn() -> Option<UnstableMode>,
+    ) -> FirstUnstable {
         if !self.stable(laws, &PlantVariation::NONE) {
             return FirstUnstable::default();
         }
-        let steps = |factor: f64| (1..200).map(move |i| factor.powi(i)).take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR);
-        let gain = |gain: f64| PlantVariation { gain, ..PlantVariation::NONE };
-        let mass = |mass_ratio: f64| PlantVariation { mass_ratio, ..PlantVariation::NONE };
-        let delay = |delay_s: f64| PlantVariation { delay_s, ..PlantVariation::NONE };
-        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= longest_delay).map(|d| d * self.linear.period_s);
+        let steps = |factor: f64| {
+            (1..200)
+                .map(move |i| factor.powi(i))
+                .take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR)
+        };
+        let gain = |gain: f64| PlantVariation {
+            gain,
+            ..PlantVariation::NONE
+        };
+        let mass = |mass_ratio: f64| PlantVariation {
+            mass_ratio,
+            ..PlantVariation::NONE
+        };
+        let delay = |delay_s: f64| PlantVariation {
+            delay_s,
+            ..PlantVariation::NONE
+        };
+        let delays = (1..)
+            .map(|i| 0.1 * f64::from(i))
+            .take_while(|d| *d <= longest_delay)
+            .map(|d| d * self.linear.period_s);
         FirstUnstable {
             gain_up: self.first(laws, 1.0, steps(1.05), &gain),
             gain_down: self.first(laws, 1.0, steps(1.0 / 1.05), &gain),
@@ -203,12 +243,29 @@ impl Loop<'_> {
     }
 
     /// The smallest share of a mode at a frequency that makes the loop unstable, if it is below a limit.
-    fn unstable_share(&self, laws: &[PredictorDesign], hz: f64, limit: f64) -> Option<UnstableMode> {
-        let mode = ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio: UNKNOWN_DAMPING };
-        let at = |share: f64| PlantVariation { mode: Some((share, mode)), ..PlantVariation::NONE };
-        let shares = (0..80).map(|i| 1e-4 * 1.15_f64.powi(i)).take_while(|s| *s <= limit);
+    fn unstable_share(
+        &self,
+        laws: &[PredictorDesign],
+        hz: f64,
+        limit: f64,
+    ) -> Option<UnstableMode> {
+        let mode = ModeModel {
+            natural_frequency_rad_s: TAU * hz,
+            damping_ratio: UNKNOWN_DAMPING,
+        };
+        let at = |share: f64| PlantVariation {
+            mode: Some((share, mode)),
+            ..PlantVariation::NONE
+        };
+        let shares = (0..80)
+            .map(|i| 1e-4 * 1.15_f64.powi(i))
+            .take_while(|s| *s <= limit);
         let share = self.first(laws, 5e-5, shares, &at)?;
-        Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share })
+        Some(UnstableMode {
+            frequency_hz: hz,
+            damping_ratio: UNKNOWN_DAMPING,
+            share,
+        })
     }
 
     /// The mode of the smallest share that makes the loop unstable: where `|K S|` is large, and a fine grid
@@ -219,15 +276,25 @@ impl Loop<'_> {
         let mut worst: Option<UnstableMode> = None;
         let mut look = |hz: f64| {
             // A mode of this damping has a peak of its share over twice the damping ratio.
-            let excluded = self.recording.and_then(|r| r.level_at(hz)).map_or(f64::INFINITY, |level| 2.0 * UNKNOWN_DAMPING * level);
+            let excluded = self
+                .recording
+                .and_then(|r| r.level_at(hz))
+                .map_or(f64::INFINITY, |level| 2.0 * UNKNOWN_DAMPING * level);
             let limit = worst.map_or(LARGEST_SHARE, |w| w.share).min(excluded);
-            if let Some(found) = self.unstable_share(laws, hz, limit).filter(|found| worst.is_none_or(|w| found.share < w.share)) {
+            if let Some(found) = self
+                .unstable_share(laws, hz, limit)
+                .filter(|found| worst.is_none_or(|w| found.share < w.share))
+            {
                 worst = Some(found);
             }
         };
         // Steps of half the width of the mode.
-        let count = ((highest_hz * 0.995 / lowest_hz).ln() / 0.02).ceil().max(1.0) as usize;
-        (0..=count).for_each(|i| look(lowest_hz * 1.02_f64.powi(i as i32).min(0.995 * highest_hz / lowest_hz)));
+        let count = ((highest_hz * 0.995 / lowest_hz).ln() / 0.02)
+            .ceil()
+            .max(1.0) as usize;
+        (0..=count).for_each(|i| {
+            look(lowest_hz * 1.02_f64.powi(i as i32).min(0.995 * highest_hz / lowest_hz))
+        });
         worst
     }
 
@@ -237,9 +304,16 @@ impl Loop<'_> {
         frequency_grid_hz(self.linear)
             .into_iter()
             .map(|hz| {
-                let open = frequency_response(&plant, TAU * hz) * law_response(self.law, hz) * self.gain_ratio[1];
+                let open = frequency_response(&plant, TAU * hz)
+                    * law_response(self.law, hz)
+                    * self.gain_ratio[1];
                 let s = one / (one + open);
-                LoopPoint { hz, open: [open.re, open.im], sensitivity: s.norm(), complementary: (open * s).norm() }
+                LoopPoint {
+                    hz,
+                    open: [open.re, open.im],
+                    sensitivity: s.norm(),
+                    complementary: (open * s).norm(),
+                }
             })
             .collect()
     }
@@ -247,31 +321,65 @@ impl Loop<'_> {
     /// Judges the loop.
     #[must_use]
     pub fn judged(&self) -> LoopMargins {
-        let spectral_radius = self.gain_ratio.map(|ratio| self.law.spectral_radius(&self.plant(&PlantVariation::NONE), ratio, 0));
+        let spectral_radius = self.gain_ratio.map(|ratio| {
+            self.law
+                .spectral_radius(&self.plant(&PlantVariation::NONE), ratio, 0)
+        });
         let response = self.response();
         let free = [self.law.clone()];
         let first_unstable = self.first_unstable(&free, LONGEST_DELAY, || self.worst_mode(&free));
-        let shares = std::iter::successors(Some(1.0), |share| Some(NEXT_SHARE * share)).take_while(|share| *share >= LEAST_SHARE);
-        let limited: Vec<PredictorDesign> = shares.map(|share| self.law.at_a_limit(share)).collect();
-        let same_mode = || first_unstable.mode.and_then(|m| self.unstable_share(&limited, m.frequency_hz, LARGEST_SHARE));
+        let shares = std::iter::successors(Some(1.0), |share| Some(NEXT_SHARE * share))
+            .take_while(|share| *share >= LEAST_SHARE);
+        let limited: Vec<PredictorDesign> =
+            shares.map(|share| self.law.at_a_limit(share)).collect();
+        let same_mode = || {
+            first_unstable
+                .mode
+                .and_then(|m| self.unstable_share(&limited, m.frequency_hz, LARGEST_SHARE))
+        };
         let first_swinging = self.first_unstable(&limited, LONGEST_DELAY_AT_A_LIMIT, same_mode);
-        let first_from_rest = self.beginning.map(|beginning| first_from_rest(&beginning, &first_unstable, &first_swinging));
-        let peak = response.iter().copied().max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
+        let first_from_rest = self
+            .beginning
+            .map(|beginning| first_from_rest(&beginning, &first_unstable, &first_swinging));
+        let peak = response
+            .iter()
+            .copied()
+            .max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
         let mut noise_power = 0.0;
         let mut last_hz = 0.0;
         for point in &response {
-            noise_power += point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * self.linear.period_s;
+            noise_power +=
+                point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * self.linear.period_s;
             last_hz = point.hz;
         }
         LoopMargins {
             gain_ratio: self.gain_ratio,
             spectral_radius,
-            worst_case: worst_case(&self.gain_ratio, &spectral_radius, [&first_unstable, &first_swinging], self.linear.period_s),
+            worst_case: worst_case(
+                &self.gain_ratio,
+                &spectral_radius,
+                [&first_unstable, &first_swinging],
+                self.linear.period_s,
+            ),
             gain_margin: first_unstable.gain_up,
-            phase_margin_deg: phase_margin_deg(&response.iter().map(|p| Complex::new(p.open[0], p.open[1])).collect::<Vec<_>>()),
-            bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
-            reference_bandwidth_hz: (!self.law.feedforward.is_empty())
-                .then(|| ReferenceBand::of(self.law, &self.plant(&PlantVariation::NONE), self.gain_ratio[1]).bandwidth_hz),
+            phase_margin_deg: phase_margin_deg(
+                &response
+                    .iter()
+                    .map(|p| Complex::new(p.open[0], p.open[1]))
+                    .collect::<Vec<_>>(),
+            ),
+            bandwidth_hz: response
+                .iter()
+                .find(|p| p.sensitivity > 0.5f64.sqrt())
+                .map(|p| p.hz),
+            reference_bandwidth_hz: (!self.law.feedforward.is_empty()).then(|| {
+                ReferenceBand::of(
+                    self.law,
+                    &self.plant(&PlantVariation::NONE),
+                    self.gain_ratio[1],
+                )
+                .bandwidth_hz
+            }),
             sensitivity_peak: peak.map_or(f64::NAN, |p| p.sensitivity),
             sensitivity_peak_hz: peak.map_or(f64::NAN, |p| p.hz),
             noise_transmission: noise_power.sqrt(),
@@ -285,21 +393,33 @@ impl Loop<'_> {
 }
 
 /// Between the first values at a limit and those of a free drive the first that swings from the beginning.
-fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &FirstUnstable) -> FirstUnstable {
+fn first_from_rest(
+    beginning: &Beginning<'_>,
+    free: &FirstUnstable,
+    limited: &FirstUnstable,
+) -> FirstUnstable {
     let find = |free: Option<f64>, limited: Option<f64>, at: &dyn Fn(f64) -> PlantVariation| {
-        let (Some(end), Some(begin)) = (free, limited) else { return free };
+        let (Some(end), Some(begin)) = (free, limited) else {
+            return free;
+        };
         if !differ(begin, end) {
             return free;
         }
         let swings = |value: f64| beginning.swings(&at(value));
-        let steps = ((end / begin).ln().abs() / RUN_STEP.ln()).ceil().clamp(1.0, MOST_RUN_STEPS);
+        let steps = ((end / begin).ln().abs() / RUN_STEP.ln())
+            .ceil()
+            .clamp(1.0, MOST_RUN_STEPS);
         let mut good = begin;
         for value in (0..steps as i32).map(|i| begin * (end / begin).powf(f64::from(i) / steps)) {
             if swings(value) {
                 let mut bad = value;
                 while (bad / good - 1.0).abs() > RUN_PRECISION {
                     let middle = (good * bad).sqrt();
-                    if swings(middle) { bad = middle } else { good = middle }
+                    if swings(middle) {
+                        bad = middle
+                    } else {
+                        good = middle
+                    }
                 }
                 return Some(bad);
             }
@@ -308,11 +428,30 @@ fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &Fi
         free
     };
     FirstUnstable {
-        gain_up: find(free.gain_up, limited.gain_up, &|gain| PlantVariation { gain, ..PlantVariation::NONE }),
-        gain_down: find(free.gain_down, limited.gain_down, &|gain| PlantVariation { gain, ..PlantVariation::NONE }),
-        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| PlantVariation { mass_ratio, ..PlantVariation::NONE }),
-        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| PlantVariation { mass_ratio, ..PlantVariation::NONE }),
-        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| PlantVariation { delay_s, ..PlantVariation::NONE }),
+        gain_up: find(free.gain_up, limited.gain_up, &|gain| PlantVariation {
+            gain,
+            ..PlantVariation::NONE
+        }),
+        gain_down: find(free.gain_down, limited.gain_down, &|gain| PlantVariation {
+            gain,
+            ..PlantVariation::NONE
+        }),
+        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| {
+            PlantVariation {
+                mass_ratio,
+                ..PlantVariation::NONE
+            }
+        }),
+        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| {
+            PlantVariation {
+                mass_ratio,
+                ..PlantVariation::NONE
+            }
+        }),
+        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| PlantVariation {
+            delay_s,
+            ..PlantVariation::NONE
+        }),
         mode: free.mode,
     }
 }
@@ -341,20 +480,37 @@ pub(super) fn differ(a: f64, b: f64) -> bool {
 }
 
 /// What comes first of all that was judged.
-fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], [first, swinging]: [&FirstUnstable; 2], period_s: f64) -> String {
-    let unstable = gain_ratio.iter().zip(radius).find(|(_, radius)| radius.is_nan() || **radius >= 1.0);
+fn worst_case(
+    gain_ratio: &[f64; 3],
+    radius: &[f64; 3],
+    [first, swinging]: [&FirstUnstable; 2],
+    period_s: f64,
+) -> String {
+    let unstable = gain_ratio
+        .iter()
+        .zip(radius)
+        .find(|(_, radius)| radius.is_nan() || **radius >= 1.0);
     if let Some((ratio, radius)) = unstable {
         return format!(
             "unstable where the actuator's gain is {ratio:.2} times the one that the law inverts (largest eigenvalue {radius:.4})"
         );
     }
-    let free = least_reserve(first, period_s).map(|(reserve, text)| (reserve, format!("{text} makes it unstable")));
+    let free = least_reserve(first, period_s)
+        .map(|(reserve, text)| (reserve, format!("{text} makes it unstable")));
     let limited = least_reserve(swinging, period_s)
-        .filter(|(reserve, _)| free.as_ref().is_none_or(|(of_free, _)| *reserve < (1.0 - NO_DIFFERENCE) * of_free))
+        .filter(|(reserve, _)| {
+            free.as_ref()
+                .is_none_or(|(of_free, _)| *reserve < (1.0 - NO_DIFFERENCE) * of_free)
+        })
         .map(|(_, text)| format!("{text} may keep it swinging once the drive was at a limit"));
     match (free, limited) {
         (None, None) => "nothing that was tried makes it unstable".into(),
-        (free, limited) => free.map(|(_, text)| text).into_iter().chain(limited).collect::<Vec<_>>().join("; "),
+        (free, limited) => free
+            .map(|(_, text)| text)
+            .into_iter()
+            .chain(limited)
+            .collect::<Vec<_>>()
+            .join("; "),
     }
 }
 
@@ -378,20 +534,42 @@ pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String 
 fn least_reserve(first: &FirstUnstable, period_s: f64) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
-    let from = |value: Option<f64>, digits: usize, upwards: bool| unstable_from(value.unwrap_or(f64::NAN), digits, upwards);
+    let from = |value: Option<f64>, digits: usize, upwards: bool| {
+        unstable_from(value.unwrap_or(f64::NAN), digits, upwards)
+    };
     let gain = |gain: Option<f64>, upwards: bool| {
-        format!("{} times the gain ({:.1} dB)", from(gain, 2, upwards), decibels(gain.unwrap_or(f64::NAN)))
+        format!(
+            "{} times the gain ({:.1} dB)",
+            from(gain, 2, upwards),
+            decibels(gain.unwrap_or(f64::NAN))
+        )
     };
     add(first.gain_up, gain(first.gain_up, true));
-    add(first.gain_down.map(|g| 1.0 / g), gain(first.gain_down, false));
-    add(first.mass_up, format!("{} times the mass", from(first.mass_up, 2, true)));
-    add(first.mass_down.map(|m| 1.0 / m), format!("{} times the mass", from(first.mass_down, 2, false)));
+    add(
+        first.gain_down.map(|g| 1.0 / g),
+        gain(first.gain_down, false),
+    );
+    add(
+        first.mass_up,
+        format!("{} times the mass", from(first.mass_up, 2, true)),
+    );
+    add(
+        first.mass_down.map(|m| 1.0 / m),
+        format!("{} times the mass", from(first.mass_down, 2, false)),
+    );
     let delay_us = first.delay_s.map(|d| 1e6 * d);
-    add(first.delay_s.map(|d| 1.0 + d / period_s), format!("{} us more of delay", from(delay_us, 0, true)));
+    add(
+        first.delay_s.map(|d| 1.0 + d / period_s),
+        format!("{} us more of delay", from(delay_us, 0, true)),
+    );
     if let Some(mode) = first.mode {
         add(
             Some(1.0 + mode.share / 0.05),
-            format!("an unknown mode at {:.0} Hz with {} % of the motion", mode.frequency_hz, unstable_from(100.0 * mode.share, 2, true)),
+            format!(
+                "an unknown mode at {:.0} Hz with {} % of the motion",
+                mode.frequency_hz,
+                unstable_from(100.0 * mode.share, 2, true)
+            ),
         );
     }
     cases.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
@@ -404,14 +582,45 @@ mod tests {
     #[test]
     fn what_is_read_is_unstable_whatever_the_rounding() {
         let shown = |value, upwards| unstable_from(value, 2, upwards);
-        assert_eq!([shown(2.0013, true), shown(2.0, true), shown(0.5, false), shown(0.3889, false)], ["2.01", "2.00", "0.50", "0.38"]);
+        assert_eq!(
+            [
+                shown(2.0013, true),
+                shown(2.0, true),
+                shown(0.5, false),
+                shown(0.3889, false)
+            ],
+            ["2.01", "2.00", "0.50", "0.38"]
+        );
         assert_eq!(unstable_from(70.2, 0, true), "71");
-        let first = FirstUnstable { mass_up: Some(2.0013), ..FirstUnstable::default() };
-        let said = worst_case(&[1.0; 3], &[0.9; 3], [&first, &FirstUnstable::default()], 5e-5);
+        let first = FirstUnstable {
+            mass_up: Some(2.0013),
+            ..FirstUnstable::default()
+        };
+        let said = worst_case(
+            &[1.0; 3],
+            &[0.9; 3],
+            [&first, &FirstUnstable::default()],
+            5e-5,
+        );
         assert_eq!(said, "2.01 times the mass makes it unstable");
         // Not "0.6 %", with which it is stable.
-        let mode = UnstableMode { frequency_hz: 2834.0, damping_ratio: 0.02, share: 0.006_47 };
-        let said = worst_case(&[1.0; 3], &[0.9; 3], [&FirstUnstable { mode: Some(mode), ..first }, &FirstUnstable::default()], 5e-5);
+        let mode = UnstableMode {
+            frequency_hz: 2834.0,
+            damping_ratio: 0.02,
+            share: 0.006_47,
+        };
+        let said = worst_case(
+            &[1.0; 3],
+            &[0.9; 3],
+            [
+                &FirstUnstable {
+                    mode: Some(mode),
+                    ..first
+                },
+                &FirstUnstable::default(),
+            ],
+            5e-5,
+        );
         assert!(said.contains("with 0.65 % of the motion"), "{said}");
     }
 }

@@ -85,14 +85,20 @@ impl PlantBand {
     fn over(&self, value: impl Fn(&OnMember) -> f64) -> [f64; 2] {
         let values = || self.members.iter().map(&value);
         // No number is worse than any.
-        let largest = if values().any(f64::is_nan) { f64::NAN } else { values().fold(0.0, f64::max) };
+        let largest = if values().any(f64::is_nan) {
+            f64::NAN
+        } else {
+            values().fold(0.0, f64::max)
+        };
         [values().fold(f64::INFINITY, f64::min), largest]
     }
 
     /// The one with the largest RMS of the true error.
     #[must_use]
     pub fn worst(&self) -> Option<&OnMember> {
-        self.members.iter().max_by(|a, b| a.truth.rms_um.total_cmp(&b.truth.rms_um))
+        self.members
+            .iter()
+            .max_by(|a, b| a.truth.rms_um.total_cmp(&b.truth.rms_um))
     }
 }
 
@@ -102,8 +108,18 @@ fn drawn(chain: &Model, identified: &Identified, seed: u64) -> Option<Model> {
     let mut normal = WhiteNoise::new(1.0, seed);
     let scores: Vec<f64> = identified.factor.iter().map(|_| normal.next_um()).collect();
     for ((effect, parameter), row) in identified.values.iter().zip(&identified.factor) {
-        let off: f64 = row.iter().zip(&scores).map(|(factor, score)| factor * score).sum();
-        let value = out.effects.iter_mut().find(|e| e.id == *effect)?.parameters.iter_mut().find(|p| p.parameter.name == *parameter)?;
+        let off: f64 = row
+            .iter()
+            .zip(&scores)
+            .map(|(factor, score)| factor * score)
+            .sum();
+        let value = out
+            .effects
+            .iter_mut()
+            .find(|e| e.id == *effect)?
+            .parameters
+            .iter_mut()
+            .find(|p| p.parameter.name == *parameter)?;
         value.set_coordinate(value.coordinate() + off);
     }
     Some(out)
@@ -113,48 +129,94 @@ fn drawn(chain: &Model, identified: &Identified, seed: u64) -> Option<Model> {
 fn spread(chain: &Model, effect: &str, frequency: usize) -> ModeSpread {
     let relative = |nth: usize| {
         let value = chain.effect(effect).and_then(|e| e.parameters.get(nth));
-        value.and_then(|p| p.std.filter(|_| p.value != 0.0).map(|std| (std / p.value).abs())).unwrap_or(0.0)
+        value
+            .and_then(|p| {
+                p.std
+                    .filter(|_| p.value != 0.0)
+                    .map(|std| (std / p.value).abs())
+            })
+            .unwrap_or(0.0)
     };
     let known = ModeSpread::of(relative(frequency), relative(frequency + 1));
-    ModeSpread { frequency: known.frequency.max(UNCONFIRMED.frequency), damping: known.damping.max(UNCONFIRMED.damping) }
+    ModeSpread {
+        frequency: known.frequency.max(UNCONFIRMED.frequency),
+        damping: known.damping.max(UNCONFIRMED.damping),
+    }
 }
 
 /// The chain with a mode elsewhere and less damped.
 fn moved(chain: &Model, effect: &str, frequency: usize, factors: [f64; 2]) -> Model {
     let mut out = chain.clone();
     for e in out.effects.iter_mut().filter(|e| e.id == effect) {
-        e.parameters.iter_mut().skip(frequency).zip(factors).for_each(|(p, factor)| p.value *= factor);
+        e.parameters
+            .iter_mut()
+            .skip(frequency)
+            .zip(factors)
+            .for_each(|(p, factor)| p.value *= factor);
     }
     out
 }
 
 fn members(chain: &Model) -> Vec<Member> {
     let mut out = Vec::new();
-    let mut add = |name: String, chain: &Model, change: HysteresisChange| out.push(Member { name, chain: chain.clone(), change });
+    let mut add = |name: String, chain: &Model, change: HysteresisChange| {
+        out.push(Member {
+            name,
+            chain: chain.clone(),
+            change,
+        })
+    };
     if let Some(identified) = chain.identified.as_deref() {
         for nth in 1..=DRAWS {
             if let Some(drawn) = drawn(chain, identified, nth) {
-                add(format!("draw {nth} of {DRAWS} from the model's covariance"), &drawn, HysteresisChange::NONE);
+                add(
+                    format!("draw {nth} of {DRAWS} from the model's covariance"),
+                    &drawn,
+                    HysteresisChange::NONE,
+                );
             }
         }
     }
     let percent = 100.0 * OFF;
     for (way, sign) in [("lower", -1.0), ("higher", 1.0)] {
-        add(format!("gain {percent:.0} % {way}"), chain, HysteresisChange { gain: 1.0 + sign * OFF, ..HysteresisChange::NONE });
+        add(
+            format!("gain {percent:.0} % {way}"),
+            chain,
+            HysteresisChange {
+                gain: 1.0 + sign * OFF,
+                ..HysteresisChange::NONE
+            },
+        );
     }
-    for (called, effect, frequency) in [("first", vibration::ID, 0), ("second", second_mode::ID, 1)] {
+    for (called, effect, frequency) in [("first", vibration::ID, 0), ("second", second_mode::ID, 1)]
+    {
         if chain.effect(effect).is_none() {
             continue;
         }
         let spread = spread(chain, effect, frequency);
         for (way, sign) in [("lower", -1.0), ("higher", 1.0)] {
             let factors = [1.0 + sign * spread.frequency, 1.0 - spread.damping];
-            let name = format!("{called} mode {:.0} % {way} and {:.0} % less damped", 100.0 * spread.frequency, 100.0 * spread.damping);
-            add(name, &moved(chain, effect, frequency, factors), HysteresisChange::NONE);
+            let name = format!(
+                "{called} mode {:.0} % {way} and {:.0} % less damped",
+                100.0 * spread.frequency,
+                100.0 * spread.damping
+            );
+            add(
+                name,
+                &moved(chain, effect, frequency, factors),
+                HysteresisChange::NONE,
+            );
         }
     }
     for (way, sign) in [("narrower", -1.0), ("wider", 1.0)] {
-        add(format!("loops {percent:.0} % {way}"), chain, HysteresisChange { wider: sign * OFF, ..HysteresisChange::NONE });
+        add(
+            format!("loops {percent:.0} % {way}"),
+            chain,
+            HysteresisChange {
+                wider: sign * OFF,
+                ..HysteresisChange::NONE
+            },
+        );
     }
     out
 }
@@ -171,13 +233,24 @@ pub fn band(
     nominal: &TrackResult,
 ) -> Result<PlantBand, QuantisationError> {
     let run = |member: &Member| {
-        let found = track_on(&member.chain, member.change, design, reference, "", circumstances)?;
+        let found = track_on(
+            &member.chain,
+            member.change,
+            design,
+            reference,
+            "",
+            circumstances,
+        )?;
         Ok(OnMember::of(member.name.clone(), &found))
     };
-    let others: Result<Vec<OnMember>, QuantisationError> = parallel::map(&members(chain), run).into_iter().collect();
+    let others: Result<Vec<OnMember>, QuantisationError> =
+        parallel::map(&members(chain), run).into_iter().collect();
     let mut members = vec![OnMember::of("the model itself".to_owned(), nominal)];
     members.extend(others?);
-    Ok(PlantBand { members, with_covariance: chain.identified.is_some() })
+    Ok(PlantBand {
+        members,
+        with_covariance: chain.identified.is_some(),
+    })
 }
 
 #[cfg(test)]
@@ -190,9 +263,14 @@ mod tests {
     fn chain() -> Model {
         let overview = Overview::without_data(0.0, 80.0);
         let mut chain = Model::new(0.0, 80.0);
-        let effects: [(&str, &[f64]); 2] = [("hysteresis", &[9.0, 1.0, -2.0]), ("vibration", &[5000.0, 0.3])];
+        let effects: [(&str, &[f64]); 2] = [
+            ("hysteresis", &[9.0, 1.0, -2.0]),
+            ("vibration", &[5000.0, 0.3]),
+        ];
         for (id, values) in effects {
-            chain.effects.push(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+            chain
+                .effects
+                .push(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
         chain
     }
@@ -200,9 +278,18 @@ mod tests {
     #[test]
     fn plants_differ_by_gain_mode_and_loops_and_by_a_covariance_that_is_known() {
         let mut chain = chain();
-        let names = |chain: &Model| members(chain).into_iter().map(|m| m.name).collect::<Vec<_>>();
+        let names = |chain: &Model| {
+            members(chain)
+                .into_iter()
+                .map(|m| m.name)
+                .collect::<Vec<_>>()
+        };
         let without = names(&chain);
-        for expected in ["gain 20 % lower", "first mode 5 % higher and 40 % less damped", "loops 20 % wider"] {
+        for expected in [
+            "gain 20 % lower",
+            "first mode 5 % higher and 40 % less damped",
+            "loops 20 % wider",
+        ] {
             assert!(without.iter().any(|name| name == expected), "{without:?}");
         }
         let (name, value) = {
@@ -220,8 +307,17 @@ mod tests {
         }));
         assert_eq!(names(&chain).len(), without.len() + DRAWS as usize);
         let values: Vec<f64> = (1..=DRAWS)
-            .map(|seed| drawn(&chain, chain.identified.as_deref().unwrap(), seed).unwrap().values("vibration").unwrap()[0])
+            .map(|seed| {
+                drawn(&chain, chain.identified.as_deref().unwrap(), seed)
+                    .unwrap()
+                    .values("vibration")
+                    .unwrap()[0]
+            })
             .collect();
-        assert!(values.iter().all(|v| (v / value - 1.0).abs() < 0.1) && values.windows(2).all(|w| w[0] != w[1]), "{values:?}");
+        assert!(
+            values.iter().all(|v| (v / value - 1.0).abs() < 0.1)
+                && values.windows(2).all(|w| w[0] != w[1]),
+            "{values:?}"
+        );
     }
 }

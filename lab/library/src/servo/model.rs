@@ -7,7 +7,8 @@ use super::quantise;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
-    Setting, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    Setting, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode,
+    sensor_bandwidth, vibration,
 };
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -51,7 +52,11 @@ pub struct NominalModel {
 
 impl NominalModel {
     /// The values that the thesis identified on the P-753 (Ch. 6, 4.1).
-    pub const THESIS: Self = Self { natural_frequency_rad_s: 5352.0, damping_ratio: 0.7876, gain_um_v: 0.1347 };
+    pub const THESIS: Self = Self {
+        natural_frequency_rad_s: 5352.0,
+        damping_ratio: 0.7876,
+        gain_um_v: 0.1347,
+    };
 
     /// `A21 = -wn^2`, 1/s^2.
     #[must_use]
@@ -123,7 +128,11 @@ impl LinearModel {
             natural_frequency_rad_s: m.natural_frequency_rad_s * factor,
             damping_ratio: m.damping_ratio * factor,
         };
-        Self { first_mode: scale(self.first_mode), second_mode: self.second_mode.map(|(share, m)| (share, scale(m))), ..*self }
+        Self {
+            first_mode: scale(self.first_mode),
+            second_mode: self.second_mode.map(|(share, m)| (share, scale(m))),
+            ..*self
+        }
     }
 
     /// Modes with their shares of the static displacement.
@@ -147,11 +156,15 @@ impl LinearModel {
     #[must_use]
     pub fn continuous_with(&self, unknown: Option<(f64, ModeModel)>) -> ContinuousSystem {
         let modes = self.modes(unknown);
-        let n = 2 * modes.len() + usize::from(self.amplifier_bandwidth_hz.is_some()) + usize::from(self.sensor_bandwidth_hz.is_some());
+        let n = 2 * modes.len()
+            + usize::from(self.amplifier_bandwidth_hz.is_some())
+            + usize::from(self.sensor_bandwidth_hz.is_some());
         let mut a = DMatrix::zeros(n, n);
         let mut b = DVector::zeros(n);
         let mut c = DVector::zeros(n);
-        let amplifier = self.amplifier_bandwidth_hz.map(|hz| (2 * modes.len(), TAU * hz));
+        let amplifier = self
+            .amplifier_bandwidth_hz
+            .map(|hz| (2 * modes.len(), TAU * hz));
         let sensor = self.sensor_bandwidth_hz.map(|hz| (n - 1, TAU * hz));
         if let Some((i, w)) = amplifier {
             a[(i, i)] = -w;
@@ -184,7 +197,12 @@ impl LinearModel {
     pub fn sampled(&self) -> SampledModel {
         let system = self.continuous();
         let (a, b) = system.held_matrices(self.period_s);
-        SampledModel { a, b, c: system.c, period_s: self.period_s }
+        SampledModel {
+            a,
+            b,
+            c: system.c,
+            period_s: self.period_s,
+        }
     }
 }
 
@@ -215,14 +233,21 @@ impl ActuatorModel {
     /// The hysteresis surfaces.
     #[must_use]
     pub fn surfaces(&self) -> Surfaces {
-        Surfaces { g: self.g_um.clone(), r: self.r_um.clone() }
+        Surfaces {
+            g: self.g_um.clone(),
+            r: self.r_um.clone(),
+        }
     }
 
     /// The same actuator with another gain: every displacement is so many times as large.
     #[must_use]
     pub fn with_gain(&self, gain: f64) -> Self {
         let mut out = self.clone();
-        out.g_um.iter_mut().flatten().chain(&mut out.r_um).for_each(|c| *c *= gain);
+        out.g_um
+            .iter_mut()
+            .flatten()
+            .chain(&mut out.r_um)
+            .for_each(|c| *c *= gain);
         out
     }
 
@@ -237,7 +262,12 @@ impl ActuatorModel {
         }
         let mut fitted = (self.clone(), f64::INFINITY);
         for weight in [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
-            fitted = self.with_surfaces_of(hysteron_core::one_sided_hysteresis::SURFACE_SIZE - 1, weight, |_, _| 0.0, |_| 0.0);
+            fitted = self.with_surfaces_of(
+                hysteron_core::one_sided_hysteresis::SURFACE_SIZE - 1,
+                weight,
+                |_, _| 0.0,
+                |_| 0.0,
+            );
             if quantise::hysteresis(&fitted.0).is_ok() {
                 break;
             }
@@ -257,9 +287,14 @@ impl ActuatorModel {
         const GRID: usize = LOOP_GRID;
         let at = |k: usize| k as f64 / GRID as f64;
         let surfaces = self.surfaces();
-        let remnant = |x: f64| self.r_um.iter().rev().fold(0.0, |sum, c| sum * x + c) + more_remnant(x);
-        let terms: Vec<(i32, i32)> = (0..degree as i32).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect();
-        let points: Vec<(f64, f64)> = (1..=GRID).flat_map(|i| (0..i).map(move |j| (at(i), at(j)))).collect();
+        let remnant =
+            |x: f64| self.r_um.iter().rev().fold(0.0, |sum, c| sum * x + c) + more_remnant(x);
+        let terms: Vec<(i32, i32)> = (0..degree as i32)
+            .flat_map(|total| (0..=total).map(move |j| (total - j, j)))
+            .collect();
+        let points: Vec<(f64, f64)> = (1..=GRID)
+            .flat_map(|i| (0..i).map(move |j| (at(i), at(j))))
+            .collect();
         let of_points = |row: usize, column: usize| {
             let ((x, z), (i, j)) = (points[row], terms[column]);
             (x - z) * x.powi(i) * z.powi(j)
@@ -267,13 +302,32 @@ impl ActuatorModel {
         // Rows below the points hold the coefficients down.
         let held = |row: usize, column: usize| if row == column { weight } else { 0.0 };
         let rows = points.len();
-        let a = DMatrix::from_fn(rows + terms.len(), terms.len(), |r, c| if r < rows { of_points(r, c) } else { held(r - rows, c) });
-        let b =
-            DVector::from_fn(rows + terms.len(), |r, _| points.get(r).map_or(0.0, |(x, z)| surfaces.loop_loss(*x, *z) + more_loop(*x, *z)));
-        let a_r = DMatrix::from_fn(GRID + degree, degree, |r, c| if r < GRID { at(r + 1).powi(c as i32 + 1) } else { held(r - GRID, c) });
-        let b_r = DVector::from_fn(GRID + degree, |r, _| if r < GRID { remnant(at(r + 1)) } else { 0.0 });
-        let (Ok(g_terms), Ok(r_terms)) = (a.clone().svd(true, true).solve(&b, 1e-12), a_r.clone().svd(true, true).solve(&b_r, 1e-12))
-        else {
+        let a = DMatrix::from_fn(rows + terms.len(), terms.len(), |r, c| {
+            if r < rows {
+                of_points(r, c)
+            } else {
+                held(r - rows, c)
+            }
+        });
+        let b = DVector::from_fn(rows + terms.len(), |r, _| {
+            points
+                .get(r)
+                .map_or(0.0, |(x, z)| surfaces.loop_loss(*x, *z) + more_loop(*x, *z))
+        });
+        let a_r = DMatrix::from_fn(GRID + degree, degree, |r, c| {
+            if r < GRID {
+                at(r + 1).powi(c as i32 + 1)
+            } else {
+                held(r - GRID, c)
+            }
+        });
+        let b_r = DVector::from_fn(GRID + degree, |r, _| {
+            if r < GRID { remnant(at(r + 1)) } else { 0.0 }
+        });
+        let (Ok(g_terms), Ok(r_terms)) = (
+            a.clone().svd(true, true).solve(&b, 1e-12),
+            a_r.clone().svd(true, true).solve(&b_r, 1e-12),
+        ) else {
             return (self.clone(), f64::INFINITY);
         };
         let mut g_um = vec![vec![0.0; degree + 1]; degree + 1];
@@ -281,9 +335,19 @@ impl ActuatorModel {
             g_um[*i as usize + 1][*j as usize] += value;
             g_um[*i as usize][*j as usize + 1] -= value;
         }
-        let r_um = std::iter::once(0.0).chain(r_terms.iter().copied()).collect();
-        let error_um = (a * &g_terms - b).rows(0, rows).amax() + (a_r * &r_terms - b_r).rows(0, GRID).amax();
-        (Self { g_um, r_um, ..self.clone() }, error_um)
+        let r_um = std::iter::once(0.0)
+            .chain(r_terms.iter().copied())
+            .collect();
+        let error_um =
+            (a * &g_terms - b).rows(0, rows).amax() + (a_r * &r_terms - b_r).rows(0, GRID).amax();
+        (
+            Self {
+                g_um,
+                r_um,
+                ..self.clone()
+            },
+            error_um,
+        )
     }
 
     /// Displacements between which the drive can hold the actuator after it was conditioned, um.
@@ -349,16 +413,26 @@ pub fn required_model(chain: &Model) -> Result<ActuatorModel, String> {
 /// on their first rises and on the falls from there, and surfaces are fitted to that.
 #[must_use]
 pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
-    let main = chain.effects.iter().find(|e| e.effect.declaration().is_main())?;
+    let main = chain
+        .effects
+        .iter()
+        .find(|e| e.effect.declaration().is_main())?;
     let g = match main.id.as_str() {
-        gain::ID => vec![chain.values(gain::ID)?.first()? * (chain.drive_max_v - chain.drive_min_v)],
+        gain::ID => {
+            vec![chain.values(gain::ID)?.first()? * (chain.drive_max_v - chain.drive_min_v)]
+        }
         hysteresis::ID => main.values(),
         _ => vec![0.0],
     };
     let r = chain.values(initial_curve::ID).unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
     let (creep, creep_pair) = creep::of_chain(chain);
-    let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
+    let mode = |v: &[f64]| {
+        Some(ModeModel {
+            natural_frequency_rad_s: *v.first()?,
+            damping_ratio: *v.get(1)?,
+        })
+    };
     let model = ActuatorModel {
         drive_min_v: chain.drive_min_v,
         drive_max_v: chain.drive_max_v,
@@ -366,9 +440,15 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
         r_um: surfaces.r,
         linear: LinearModel {
             first_mode: mode(&chain.values(vibration::ID)?)?,
-            second_mode: chain.values(second_mode::ID).and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
-            amplifier_bandwidth_hz: chain.values(amplifier_bandwidth::ID).and_then(|v| v.first().copied()),
-            sensor_bandwidth_hz: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()),
+            second_mode: chain
+                .values(second_mode::ID)
+                .and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
+            amplifier_bandwidth_hz: chain
+                .values(amplifier_bandwidth::ID)
+                .and_then(|v| v.first().copied()),
+            sensor_bandwidth_hz: chain
+                .values(sensor_bandwidth::ID)
+                .and_then(|v| v.first().copied()),
             period_s: SAMPLING_PERIOD_S,
         },
         creep,
@@ -379,12 +459,28 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
         let at = |x: f64| (x * LOOP_GRID as f64).round() as usize;
         // On a first rise to x and down to z the output is R(x) + G(x, 0) - G(x, z).
         let fallen = |x: f64, z: f64| loops[at(x)][at(x)] - loops[at(x)][at(z)];
-        return Some(model.with_surfaces_of(DEGREE_OF_OTHERS, 0.0, fallen, |x| loops[at(x)][0]).0);
+        return Some(
+            model
+                .with_surfaces_of(DEGREE_OF_OTHERS, 0.0, fallen, |x| loops[at(x)][0])
+                .0,
+        );
     }
-    let Some(plays) = chain.values(play_operators::ID) else { return Some(model) };
+    let Some(plays) = chain.values(play_operators::ID) else {
+        return Some(model);
+    };
     // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
-    let beyond = |way: f64, widths: f64| -> f64 { plays.chunks_exact(2).map(|pair| pair[0] * (way - widths * pair[1]).max(0.0)).sum() };
-    let with_plays = model.with_surfaces_of(DEGREE_OF_OTHERS, 0.0, |x, z| beyond(x - z, 2.0), |x| beyond(x, 1.0) - beyond(x, 2.0));
+    let beyond = |way: f64, widths: f64| -> f64 {
+        plays
+            .chunks_exact(2)
+            .map(|pair| pair[0] * (way - widths * pair[1]).max(0.0))
+            .sum()
+    };
+    let with_plays = model.with_surfaces_of(
+        DEGREE_OF_OTHERS,
+        0.0,
+        |x, z| beyond(x - z, 2.0),
+        |x| beyond(x, 1.0) - beyond(x, 2.0),
+    );
     Some(with_plays.0)
 }
 
@@ -394,7 +490,9 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
 fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>> {
     // So slow that nothing of the loops depends on the rate.
     let setting = Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, 1.0);
-    let drive_v = |k: usize| chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64;
+    let drive_v = |k: usize| {
+        chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64
+    };
     (0..=LOOP_GRID)
         .map(|turn| {
             let mut loops = main.effect.loops(chain, &main.values(), &setting)?;
@@ -402,10 +500,17 @@ fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>>
             (1..=turn).for_each(|k| {
                 loops.step(0, drive_v(k));
             });
-            let mut fall: Vec<f64> = (0..turn).rev().map(|k| loops.step(0, drive_v(k)) - zero_um).collect();
+            let mut fall: Vec<f64> = (0..turn)
+                .rev()
+                .map(|k| loops.step(0, drive_v(k)) - zero_um)
+                .collect();
             fall.reverse();
             let mut risen = main.effect.loops(chain, &main.values(), &setting)?;
-            let top = (0..=turn).map(|k| risen.step(0, drive_v(k))).last().unwrap_or(zero_um) - zero_um;
+            let top = (0..=turn)
+                .map(|k| risen.step(0, drive_v(k)))
+                .last()
+                .unwrap_or(zero_um)
+                - zero_um;
             fall.push(top);
             Some(fall)
         })
@@ -418,10 +523,18 @@ mod tests {
     use hysteron_sim::effect::{Overview, by_id};
 
     fn with_loops(id: &str, values: &[f64]) -> Model {
-        let overview = Overview { range_um: 10.0, gain_um_v: 0.125, ..Overview::without_data(0.0, 80.0) };
+        let overview = Overview {
+            range_um: 10.0,
+            gain_um_v: 0.125,
+            ..Overview::without_data(0.0, 80.0)
+        };
         let mut chain = Model::new(0.0, 80.0);
         chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
-        chain.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[5000.0, 0.5]));
+        chain.add(EffectInstance::new(
+            by_id("vibration").unwrap(),
+            &overview,
+            &[5000.0, 0.5],
+        ));
         chain
     }
 
@@ -446,7 +559,11 @@ mod tests {
             for turn in 1..=LOOP_GRID {
                 let x = turn as f64 / LOOP_GRID as f64;
                 let rise = surfaces.initial_ascending_curve(x);
-                assert!((rise - loops[turn][turn]).abs() < tolerance_um, "{id} rises to {x}: {rise} {}", loops[turn][turn]);
+                assert!(
+                    (rise - loops[turn][turn]).abs() < tolerance_um,
+                    "{id} rises to {x}: {rise} {}",
+                    loops[turn][turn]
+                );
                 let middle = rise - surfaces.loop_loss(x, (turn / 2) as f64 / LOOP_GRID as f64);
                 assert!(
                     (middle - loops[turn][turn / 2]).abs() < 2.0 * tolerance_um,

@@ -34,8 +34,17 @@ const HALF_POWER: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// The same dynamics with the first mode at a multiple of its frequency.
 #[must_use]
 pub fn with_first_mode_at(linear: &LinearModel, factor: f64) -> LinearModel {
-    let ModeModel { natural_frequency_rad_s, damping_ratio } = linear.first_mode;
-    LinearModel { first_mode: ModeModel { natural_frequency_rad_s: factor * natural_frequency_rad_s, damping_ratio }, ..*linear }
+    let ModeModel {
+        natural_frequency_rad_s,
+        damping_ratio,
+    } = linear.first_mode;
+    LinearModel {
+        first_mode: ModeModel {
+            natural_frequency_rad_s: factor * natural_frequency_rad_s,
+            damping_ratio,
+        },
+        ..*linear
+    }
 }
 
 /// How a reference is followed on an actuator.
@@ -52,13 +61,21 @@ impl ReferenceBand {
     #[must_use]
     pub fn of(law: &PredictorDesign, plant: &SampledModel, gain: f64) -> Self {
         let highest_hz = 0.5 / plant.period_s;
-        let mut out = Self { bandwidth_hz: highest_hz, peak: 1.0 };
+        let mut out = Self {
+            bandwidth_hz: highest_hz,
+            peak: 1.0,
+        };
         for i in 1..(highest_hz / STEP_HZ) as u32 {
             let hz = STEP_HZ * f64::from(i);
             let plant = frequency_response(plant, TAU * hz) * gain;
-            let magnitude = reference_response(plant, law.feedforward_response(hz), law_response(law, hz)).norm();
+            let magnitude =
+                reference_response(plant, law.feedforward_response(hz), law_response(law, hz))
+                    .norm();
             if magnitude < HALF_POWER {
-                return Self { bandwidth_hz: hz, ..out };
+                return Self {
+                    bandwidth_hz: hz,
+                    ..out
+                };
             }
             out.peak = out.peak.max(magnitude);
         }
@@ -78,7 +95,12 @@ impl MovingMode {
     /// For a mode that moves by up to `share` of its frequency to either side, on an actuator with a known
     /// delay.
     #[must_use]
-    pub fn new(linear: &LinearModel, feedforward: &PredictorDesign, share: f64, delay_s: f64) -> Self {
+    pub fn new(
+        linear: &LinearModel,
+        feedforward: &PredictorDesign,
+        share: f64,
+        delay_s: f64,
+    ) -> Self {
         let followed_to_hz = FOLLOWED_TO * linear.first_mode.natural_frequency_rad_s / TAU;
         // A mode at its highest place rings above that.
         let highest_hz = followed_to_hz * (1.0 + share);
@@ -87,12 +109,24 @@ impl MovingMode {
             .map(|hz| (hz, feedforward.feedforward_response(hz)))
             .collect();
         let at = |place: i32| {
-            let moved = with_first_mode_at(linear, 1.0 + share * f64::from(place) / f64::from(PLACES));
-            let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&moved);
-            frequencies.iter().map(|(hz, _)| frequency_response(&plant, TAU * hz)).collect()
+            let moved =
+                with_first_mode_at(linear, 1.0 + share * f64::from(place) / f64::from(PLACES));
+            let plant = PlantVariation {
+                delay_s,
+                ..PlantVariation::NONE
+            }
+            .sampled(&moved);
+            frequencies
+                .iter()
+                .map(|(hz, _)| frequency_response(&plant, TAU * hz))
+                .collect()
         };
         let places = (-PLACES..=PLACES).map(at).collect();
-        Self { followed_to_hz, frequencies, places }
+        Self {
+            followed_to_hz,
+            frequencies,
+            places,
+        }
     }
 
     /// The factor by which the magnitude of position over reference is at most too large, or up to
@@ -105,7 +139,11 @@ impl MovingMode {
             let law = law(*hz);
             for place in &self.places {
                 let magnitude = reference_response(place[i], *feedforward, law).norm();
-                let too_small = if *hz <= self.followed_to_hz { 1.0 / magnitude } else { 1.0 };
+                let too_small = if *hz <= self.followed_to_hz {
+                    1.0 / magnitude
+                } else {
+                    1.0
+                };
                 worst = worst.max(magnitude).max(too_small);
             }
         }
@@ -122,8 +160,17 @@ mod tests {
 
     fn light() -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: TAU * 739.0, damping_ratio: 0.014 },
-            second_mode: Some((0.02, ModeModel { natural_frequency_rad_s: TAU * 5000.0, damping_ratio: 0.02 })),
+            first_mode: ModeModel {
+                natural_frequency_rad_s: TAU * 739.0,
+                damping_ratio: 0.014,
+            },
+            second_mode: Some((
+                0.02,
+                ModeModel {
+                    natural_frequency_rad_s: TAU * 5000.0,
+                    damping_ratio: 0.02,
+                },
+            )),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
             period_s: 5e-5,
@@ -138,8 +185,13 @@ mod tests {
         for hz in [200.0, 500.0, 800.0] {
             let turn = |k: usize| TAU * hz * SAMPLING_PERIOD_S * k as f64;
             let reference = |k: i64| (TAU * hz * SAMPLING_PERIOD_S * k as f64).cos();
-            let feedforward_at =
-                |k: usize| -> f64 { law.feedforward.iter().enumerate().map(|(i, c)| c * reference(k as i64 + i as i64 - 7)).sum() };
+            let feedforward_at = |k: usize| -> f64 {
+                law.feedforward
+                    .iter()
+                    .enumerate()
+                    .map(|(i, c)| c * reference(k as i64 + i as i64 - 7))
+                    .sum()
+            };
             let mut x = nalgebra::DVector::<f64>::zeros(moved.b.len());
             let mut z = nalgebra::DVector::<f64>::zeros(law.b.len());
             let (mut acting, mut fed) = (0.0, 0.0);
@@ -157,30 +209,64 @@ mod tests {
                 fed = feedforward_at(k);
                 acting = fed - law.k.dot(&z);
             }
-            let computed = reference_response(frequency_response(&moved, TAU * hz), law.feedforward_response(hz), law_response(&law, hz));
+            let computed = reference_response(
+                frequency_response(&moved, TAU * hz),
+                law.feedforward_response(hz),
+                law_response(&law, hz),
+            );
             let seen = Complex::new(re / count, im / count);
-            assert!((computed - seen).norm() < 0.02 * computed.norm(), "{hz} Hz: {computed} {seen}");
+            assert!(
+                (computed - seen).norm() < 0.02 * computed.norm(),
+                "{hz} Hz: {computed} {seen}"
+            );
         }
     }
 
     #[test]
     #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
     fn a_tuning_for_a_mode_that_moves_holds_wherever_it_stands_and_amplifies_less() {
-        let demands = Demands { sensor_noise_um: 0.002, ..Demands::default() };
-        let known = ModeSpread { frequency: 0.02, damping: 0.2 };
+        let demands = Demands {
+            sensor_noise_um: 0.002,
+            ..Demands::default()
+        };
+        let known = ModeSpread {
+            frequency: 0.02,
+            damping: 0.2,
+        };
         let design = |mode_moves: f64| {
-            let first = ModeSpread { frequency: known.frequency.max(mode_moves), ..known };
-            let task = Task { linear: light(), first, second: Some(known), delay_s: 0.0, recording: None, mode_moves, demands };
+            let first = ModeSpread {
+                frequency: known.frequency.max(mode_moves),
+                ..known
+            };
+            let task = Task {
+                linear: light(),
+                first,
+                second: Some(known),
+                delay_s: 0.0,
+                recording: None,
+                mode_moves,
+                demands,
+            };
             PredictorDesign::new(&light(), &task.scan().best().expect("some hold").tuning)
         };
         let (usual, moving) = (design(0.0), design(0.2));
-        let worst = |law: &PredictorDesign| MovingMode::new(&light(), law, 0.2, 0.0).deviation(|hz| law_response(law, hz));
-        assert!(worst(&moving) < 0.7 * worst(&usual), "{} {}", worst(&moving), worst(&usual));
+        let worst = |law: &PredictorDesign| {
+            MovingMode::new(&light(), law, 0.2, 0.0).deviation(|hz| law_response(law, hz))
+        };
+        assert!(
+            worst(&moving) < 0.7 * worst(&usual),
+            "{} {}",
+            worst(&moving),
+            worst(&usual)
+        );
         for factor in [0.8, 0.87, 1.0, 1.13, 1.2] {
             let plant = with_first_mode_at(&light(), factor).sampled();
             assert!(moving.spectral_radius(&plant, 1.0, 0) < 1.0, "{factor}");
         }
         let band = ReferenceBand::of(&moving, &light().sampled(), 1.0);
-        assert!(band.bandwidth_hz > FOLLOWED_TO * 739.0 && band.peak < 1.1, "{band:?}");
+        assert!(
+            band.bandwidth_hz > FOLLOWED_TO * 739.0 && band.peak < 1.1,
+            "{band:?}"
+        );
     }
 }

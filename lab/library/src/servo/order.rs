@@ -2,7 +2,9 @@
 //! cannot be answered for.
 
 use super::amplifier_block::FrontEnd;
-use super::data_of_stage::{LARGE_RESIDUAL, first_mode_shown, how_to_exclude, require_described, require_same_stage};
+use super::data_of_stage::{
+    LARGE_RESIDUAL, first_mode_shown, how_to_exclude, require_described, require_same_stage,
+};
 use super::design::{Scheme, ServoDesign, undominated};
 use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::{self, LearningDesign};
@@ -13,7 +15,8 @@ use super::predictor::{Assessment, Demands, PredictorDesign, feedforward, missed
 use super::quantise::QuantisationError;
 use super::recording::ServoRecording;
 use super::robust::{
-    Broken, Candidate, ModeSpread, Scan, Task, USUAL_GAIN_MARGIN_DB, USUAL_PEAK, USUAL_PHASE_MARGIN_DEG, decibels, within_nyquist,
+    Broken, Candidate, ModeSpread, Scan, Task, USUAL_GAIN_MARGIN_DB, USUAL_PEAK,
+    USUAL_PHASE_MARGIN_DEG, decibels, within_nyquist,
 };
 use super::schemes::{self, InWords, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
@@ -22,7 +25,8 @@ use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
-    Place, amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    Place, amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators,
+    second_mode, sensor_bandwidth, vibration,
 };
 use serde::Serialize;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
@@ -65,7 +69,12 @@ pub const ASSUMED_NOISE_UM: f64 = 0.001;
 
 impl Default for DesignOrder<'_> {
     fn default() -> Self {
-        let Demands { reference_hz, sensitivity_peak, usual_margins, .. } = Demands::default();
+        let Demands {
+            reference_hz,
+            sensitivity_peak,
+            usual_margins,
+            ..
+        } = Demands::default();
         Self {
             reference_hz,
             sensor_noise_um: None,
@@ -96,7 +105,10 @@ const SHARE_KNOWN: f64 = 0.3;
 /// ... at its frequency, but at most at this share of half the sampling rate.
 const HIGHEST_COMPLIANCE: f64 = 0.8;
 /// Spread of a first mode that no recording stands behind: frequency and damping ratio, relative.
-pub(super) const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
+pub(super) const UNCONFIRMED: ModeSpread = ModeSpread {
+    frequency: 0.05,
+    damping: 0.4,
+};
 /// Another drive is worth recommending where it lets the expected error fall below this share.
 const WORTH_RECORDING: f64 = 0.8;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
@@ -104,12 +116,15 @@ const PROJECTION_ALLOWED: f64 = 0.005;
 
 /// Relative standard deviation of a value; infinite where it has none.
 fn relative_std(chain: &Model, effect: &str, parameter: usize) -> f64 {
-    chain.effect(effect).and_then(|e| e.parameters.get(parameter)).map_or(f64::INFINITY, |p| match p.std {
-        Some(std) if p.value != 0.0 => (std / p.value).abs(),
-        // A fixed value is the user's word.
-        _ if p.parameter.fixed => 0.0,
-        _ => f64::INFINITY,
-    })
+    chain
+        .effect(effect)
+        .and_then(|e| e.parameters.get(parameter))
+        .map_or(f64::INFINITY, |p| match p.std {
+            Some(std) if p.value != 0.0 => (std / p.value).abs(),
+            // A fixed value is the user's word.
+            _ if p.parameter.fixed => 0.0,
+            _ => f64::INFINITY,
+        })
 }
 
 fn hertz(mode: &ModeModel) -> f64 {
@@ -119,7 +134,10 @@ fn hertz(mode: &ModeModel) -> f64 {
 /// The transport delay of a chain, s: the loop is judged with it although the observer does not carry it.
 #[must_use]
 pub fn known_delay_s(chain: &Model) -> f64 {
-    chain.values(delay::ID).and_then(|v| v.first().copied()).unwrap_or(0.0)
+    chain
+        .values(delay::ID)
+        .and_then(|v| v.first().copied())
+        .unwrap_or(0.0)
 }
 
 /// The chain with another second mode, or without one.
@@ -129,7 +147,11 @@ fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
         None => out.effects.retain(|e| e.id != second_mode::ID),
         Some((share, mode)) => {
             for effect in out.effects.iter_mut().filter(|e| e.id == second_mode::ID) {
-                for (p, value) in effect.parameters.iter_mut().zip([share, mode.natural_frequency_rad_s, mode.damping_ratio]) {
+                for (p, value) in effect.parameters.iter_mut().zip([
+                    share,
+                    mode.natural_frequency_rad_s,
+                    mode.damping_ratio,
+                ]) {
                     p.value = value;
                 }
             }
@@ -144,7 +166,13 @@ fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
 fn without_resonance((share, mode): (f64, ModeModel), period_s: f64) -> (f64, ModeModel) {
     let highest = HIGHEST_COMPLIANCE * PI / period_s;
     let natural_frequency_rad_s = mode.natural_frequency_rad_s.min(highest);
-    (share, ModeModel { natural_frequency_rad_s, damping_ratio: mode.damping_ratio.max(FRAC_1_SQRT_2) })
+    (
+        share,
+        ModeModel {
+            natural_frequency_rad_s,
+            damping_ratio: mode.damping_ratio.max(FRAC_1_SQRT_2),
+        },
+    )
 }
 
 /// Every effect of a chain is known in a loop: none takes part of what was recorded.
@@ -169,7 +197,13 @@ pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
 pub fn reasonable_frequency(reference_hz: f64, period_s: f64) -> Result<(), String> {
     let fastest_hz = 0.5 / period_s;
     let is_reasonable = reference_hz > 0.0 && reference_hz < fastest_hz;
-    if is_reasonable { Ok(()) } else { Err(format!("{reference_hz}; expected above 0 and below {fastest_hz}")) }
+    if is_reasonable {
+        Ok(())
+    } else {
+        Err(format!(
+            "{reference_hz}; expected above 0 and below {fastest_hz}"
+        ))
+    }
 }
 
 /// Whether a loop with this sampling period, s, can undo the lag of a sensor with this bandwidth, Hz, whatever
@@ -180,9 +214,11 @@ pub fn reasonable_frequency(reference_hz: f64, period_s: f64) -> Result<(), Stri
 pub fn reasonable_bandwidth(sensor_bandwidth_hz: Option<f64>, period_s: f64) -> Result<(), String> {
     let least_hz = sensor_lag::least_bandwidth_hz(period_s);
     match sensor_bandwidth_hz {
-        Some(hz) if !(hz >= least_hz && hz.is_finite()) => {
-            Err(format!("{hz}; expected at least {:.0}, the lag of {:.0} periods", least_hz.ceil(), sensor_lag::LARGEST_LAG_PERIODS))
-        }
+        Some(hz) if !(hz >= least_hz && hz.is_finite()) => Err(format!(
+            "{hz}; expected at least {:.0}, the lag of {:.0} periods",
+            least_hz.ceil(),
+            sensor_lag::LARGEST_LAG_PERIODS
+        )),
         _ => Ok(()),
     }
 }
@@ -190,7 +226,10 @@ pub fn reasonable_bandwidth(sensor_bandwidth_hz: Option<f64>, period_s: f64) -> 
 /// Whether the period of the fastest references is one that a correction is learned of.
 fn period_that_is_learned(reference_hz: f64, period_s: f64) -> Result<(), String> {
     let rate_hz = 1.0 / period_s;
-    let (lowest_hz, highest_hz) = (rate_hz / MOST_POINTS as f64, rate_hz / f64::from(LEAST_PERIOD_TICKS));
+    let (lowest_hz, highest_hz) = (
+        rate_hz / MOST_POINTS as f64,
+        rate_hz / f64::from(LEAST_PERIOD_TICKS),
+    );
     if (lowest_hz..=highest_hz).contains(&reference_hz) {
         return Ok(());
     }
@@ -206,14 +245,18 @@ fn require_usual_rate(scheme: SchemeChoice, period_s: f64) -> Result<(), String>
     if scheme == SchemeChoice::Predictor || period_s == SAMPLING_PERIOD_S {
         return Ok(());
     }
-    Err(format!("a sampling rate of {:.0} Hz is for the predictor; leave it out, or choose --scheme predictor", 1.0 / period_s))
+    Err(format!(
+        "a sampling rate of {:.0} Hz is for the predictor; leave it out, or choose --scheme predictor",
+        1.0 / period_s
+    ))
 }
 
 /// Checks what is asked.
 fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), String> {
     require_usual_rate(order.scheme, model.linear.period_s)?;
     let period_s = model.linear.period_s;
-    reasonable_frequency(order.reference_hz, period_s).map_err(|problem| format!("--reference-hz {problem}"))?;
+    reasonable_frequency(order.reference_hz, period_s)
+        .map_err(|problem| format!("--reference-hz {problem}"))?;
     if order.learning {
         period_that_is_learned(order.reference_hz, period_s)?;
     }
@@ -221,21 +264,37 @@ fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), Stri
     if let Some(noise_um) = order.sensor_noise_um
         && !(noise_um > 0.0 && noise_um < 0.05 * travel_um)
     {
-        return Err(format!("--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel", 0.05 * travel_um));
+        return Err(format!(
+            "--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel",
+            0.05 * travel_um
+        ));
     }
-    reasonable_bandwidth(order.sensor_bandwidth_hz, period_s).map_err(|problem| format!("--sensor-bandwidth-hz {problem}"))?;
+    reasonable_bandwidth(order.sensor_bandwidth_hz, period_s)
+        .map_err(|problem| format!("--sensor-bandwidth-hz {problem}"))?;
     if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
-        return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
+        return Err(format!(
+            "--sensitivity-peak {}; expected above 1 and below 100",
+            order.sensitivity_peak
+        ));
     }
     if !(0.0..=FARTHEST).contains(&order.mode_moves) {
-        return Err(format!("--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}", order.mode_moves));
+        return Err(format!(
+            "--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}",
+            order.mode_moves
+        ));
     }
     if order.scheme != SchemeChoice::Predictor
-        && let Some(option) = [(order.learning, "--learning"), (order.adaptation, "--adaptation"), (order.mode_moves > 0.0, "--mode-moves")]
-            .into_iter()
-            .find_map(|(asked, option)| asked.then_some(option))
+        && let Some(option) = [
+            (order.learning, "--learning"),
+            (order.adaptation, "--adaptation"),
+            (order.mode_moves > 0.0, "--mode-moves"),
+        ]
+        .into_iter()
+        .find_map(|(asked, option)| asked.then_some(option))
     {
-        return Err(format!("{option} is for the predictor; leave it out, or choose --scheme predictor"));
+        return Err(format!(
+            "{option} is for the predictor; leave it out, or choose --scheme predictor"
+        ));
     }
     let mode = &model.linear.first_mode;
     if !within_nyquist(mode, period_s) {
@@ -276,9 +335,16 @@ fn formatted(model: &ActuatorModel, said: &mut Vec<String>) -> Result<ActuatorMo
 
 /// The servo's converters, if the actuator is within them.
 fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
-    let top_um = model.surfaces().initial_ascending_curve(1.0).max(model.reach_um());
+    let top_um = model
+        .surfaces()
+        .initial_ascending_curve(1.0)
+        .max(model.reach_um());
     let Some(front_end) = order.front_end else {
-        return Ok(ConverterScale::around(model.drive_min_v, model.drive_max_v, top_um));
+        return Ok(ConverterScale::around(
+            model.drive_min_v,
+            model.drive_max_v,
+            top_um,
+        ));
     };
     let span_um = front_end.sensor_max_um - front_end.sensor_min_um;
     // The sensor is zeroed at the lowest drive, wherever it then stands: its span counts, and its zero must
@@ -289,10 +355,15 @@ fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<Converte
             front_end.sensor_min_um, front_end.sensor_max_um
         ));
     }
-    if front_end.drive_at_lowest_code_v > model.drive_min_v || front_end.drive_beyond_highest_code_v <= model.drive_max_v {
+    if front_end.drive_at_lowest_code_v > model.drive_min_v
+        || front_end.drive_beyond_highest_code_v <= model.drive_max_v
+    {
         return Err(format!(
             "the front end gives {} to {} V; the actuator's drive is {} to {} V",
-            front_end.drive_at_lowest_code_v, front_end.drive_beyond_highest_code_v, model.drive_min_v, model.drive_max_v
+            front_end.drive_at_lowest_code_v,
+            front_end.drive_beyond_highest_code_v,
+            model.drive_min_v,
+            model.drive_max_v
         ));
     }
     Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
@@ -307,68 +378,127 @@ struct Known {
     recording: Option<ServoRecording>,
 }
 
-fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Result<Known, String> {
-    let first_std = [relative_std(chain, vibration::ID, 0), relative_std(chain, vibration::ID, 1)];
+fn known(
+    chain: &Model,
+    model: ActuatorModel,
+    order: &DesignOrder<'_>,
+    said: &mut Vec<String>,
+) -> Result<Known, String> {
+    let first_std = [
+        relative_std(chain, vibration::ID, 0),
+        relative_std(chain, vibration::ID, 1),
+    ];
     let dropped = |mut model: ActuatorModel| {
         model.linear.second_mode = None;
         model
     };
     let Some(dataset) = order.recording else {
         let confirmed = ModeSpread::of(first_std[0].min(0.1), first_std[1].min(0.2));
-        let first =
-            ModeSpread { frequency: confirmed.frequency.max(UNCONFIRMED.frequency), damping: confirmed.damping.max(UNCONFIRMED.damping) };
+        let first = ModeSpread {
+            frequency: confirmed.frequency.max(UNCONFIRMED.frequency),
+            damping: confirmed.damping.max(UNCONFIRMED.damping),
+        };
         said.push("No recording stands behind the model here (--data), so an unknown mode is reckoned with at every frequency from the first mode on.".into());
         if model.linear.second_mode.is_some() {
             said.push("The model's second mode stays out of the observer: without the recording nothing says that it is a fact.".into());
         }
-        return Ok(Known { model: dropped(model), first, second: None, recording: None });
+        return Ok(Known {
+            model: dropped(model),
+            first,
+            second: None,
+            recording: None,
+        });
     };
     let first = ModeSpread::of(first_std[0], first_std[1]);
     let with = ServoRecording::of(chain, dataset, model.linear.period_s);
     first_mode_shown(&with, &model.linear.first_mode)?;
     require_described(&with, &model.linear)?;
     let Some((share, mode)) = model.linear.second_mode else {
-        return Ok(Known { model, first, second: None, recording: Some(with) });
+        return Ok(Known {
+            model,
+            first,
+            second: None,
+            recording: Some(with),
+        });
     };
-    let std = [relative_std(chain, second_mode::ID, 1), relative_std(chain, second_mode::ID, 2)];
+    let std = [
+        relative_std(chain, second_mode::ID, 1),
+        relative_std(chain, second_mode::ID, 2),
+    ];
     let peak = (share / (2.0 * mode.damping_ratio)).abs();
     let hidden = with.blind_at(hertz(&mode)).unwrap_or(f64::INFINITY);
     let why_not = if !within_nyquist(&mode, model.linear.period_s) {
         Some("it is beyond half the sampling rate".to_owned())
     } else if hidden > PEAK_SHOWN * peak {
-        Some(format!("the recording could hide a response of {hidden:.3} um/um there, and its peak is {peak:.3}"))
+        Some(format!(
+            "the recording could hide a response of {hidden:.3} um/um there, and its peak is {peak:.3}"
+        ))
     } else if std[0] > FREQUENCY_KNOWN || std[1] > DAMPING_KNOWN {
-        Some(format!("its frequency is known to {:.1} %, its damping ratio to {:.0} %", 100.0 * std[0], 100.0 * std[1]))
+        Some(format!(
+            "its frequency is known to {:.1} %, its damping ratio to {:.0} %",
+            100.0 * std[0],
+            100.0 * std[1]
+        ))
     } else {
         None
     };
     match why_not {
         None => {
-            said.push(format!("The observer carries the second mode at {:.0} Hz, which the recording shows.", hertz(&mode)));
-            Ok(Known { model, first, second: Some(ModeSpread::of(std[0], std[1])), recording: Some(with) })
+            said.push(format!(
+                "The observer carries the second mode at {:.0} Hz, which the recording shows.",
+                hertz(&mode)
+            ));
+            Ok(Known {
+                model,
+                first,
+                second: Some(ModeSpread::of(std[0], std[1])),
+                recording: Some(with),
+            })
         }
         Some(why) => {
-            let kept =
-                (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN).then(|| without_resonance((share, mode), model.linear.period_s));
-            let of_it = if kept.is_some() { ", but for its share of the motion" } else { "" };
-            said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
+            let kept = (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN)
+                .then(|| without_resonance((share, mode), model.linear.period_s));
+            let of_it = if kept.is_some() {
+                ", but for its share of the motion"
+            } else {
+                ""
+            };
+            said.push(format!(
+                "The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.",
+                hertz(&mode)
+            ));
             // The resonance that is left out is part of what is missing; how good the model is is judged with
             // it.
             let recording = ServoRecording {
                 residual_um: with.residual_um,
-                ..ServoRecording::of(&with_second_mode(chain, kept), dataset, model.linear.period_s)
+                ..ServoRecording::of(
+                    &with_second_mode(chain, kept),
+                    dataset,
+                    model.linear.period_s,
+                )
             };
             let mut model = model;
             model.linear.second_mode = kept;
-            Ok(Known { model, first, second: None, recording: Some(recording) })
+            Ok(Known {
+                model,
+                first,
+                second: None,
+                recording: Some(recording),
+            })
         }
     }
 }
 
 /// What the model is not, said aloud.
 fn shortcomings(chain: &Model, recording: Option<&ServoRecording>, said: &mut Vec<String>) {
-    if chain.effects.iter().all(|e| e.effect.declaration().place != Place::Creep) {
-        said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
+    if chain
+        .effects
+        .iter()
+        .all(|e| e.effect.declaration().place != Place::Creep)
+    {
+        said.push(
+            "CAUTION: the model has no creep: slow errors are left to the integral action.".into(),
+        );
     }
     if let Some((recording, noise_um)) = recording.and_then(|r| Some((r, r.noise_um?)))
         && recording.residual_um > LARGE_RESIDUAL * noise_um
@@ -398,21 +528,35 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
     }
     };
     // The candidate that came furthest says what is in the way.
-    let furthest = scan.candidates.iter().filter_map(|c| Some((c.broken?, c.unknown.0))).max_by_key(|(b, _)| match b {
-        Broken::Member(_) => 0,
-        Broken::Sensitivity => 1,
-        Broken::Limit(_) => 2,
-        Broken::Unknown { .. } => 3,
-        Broken::Integers => 4,
-    });
-    format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
+    let furthest = scan
+        .candidates
+        .iter()
+        .filter_map(|c| Some((c.broken?, c.unknown.0)))
+        .max_by_key(|(b, _)| match b {
+            Broken::Member(_) => 0,
+            Broken::Sensitivity => 1,
+            Broken::Limit(_) => 2,
+            Broken::Unknown { .. } => 3,
+            Broken::Integers => 4,
+        });
+    format!(
+        "no servo can be answered for: {}",
+        furthest
+            .as_ref()
+            .map_or_else(|| "there is no candidate".into(), in_words)
+    )
 }
 
 /// A sensor cannot be this many times as late as everything that is late in the model together.
 const MORE_THAN_ALL: f64 = 1.5;
 
 /// The lag of the sensor that is undone, s, and in words why, or why not.
-fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, period_s: f64, said: &mut Vec<String>) -> Option<f64> {
+fn lag_to_undo(
+    chain: &Model,
+    order: &DesignOrder<'_>,
+    period_s: f64,
+    said: &mut Vec<String>,
+) -> Option<f64> {
     let least_hz = sensor_lag::least_bandwidth_hz(period_s);
     match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
         sensor_lag::Known::Bandwidth(hz, whose) if hz >= least_hz => {
@@ -421,7 +565,9 @@ fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, period_s: f64, said: &mut
                 "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
                 1e6 * lag_s
             ));
-            if let Some(all_s) = sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s) {
+            if let Some(all_s) =
+                sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s)
+            {
                 said.push(format!(
                     "CAUTION: that is more than everything that is late in the model, {:.1} us: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
                     1e6 * all_s
@@ -437,7 +583,9 @@ fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, period_s: f64, said: &mut
             None
         }
         sensor_lag::Known::Doubtful(why) => {
-            said.push(format!("CAUTION: the sensor's lag is not undone, {why}; say it with --sensor-bandwidth-hz."));
+            said.push(format!(
+                "CAUTION: the sensor's lag is not undone, {why}; say it with --sensor-bandwidth-hz."
+            ));
             None
         }
         sensor_lag::Known::Ideal => None,
@@ -467,7 +615,9 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
 pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, String> {
     let mut model = designable(chain)?;
-    model.linear.period_s = order.front_end.map_or(SAMPLING_PERIOD_S, FrontEnd::period_s);
+    model.linear.period_s = order
+        .front_end
+        .map_or(SAMPLING_PERIOD_S, FrontEnd::period_s);
     reasonable(order, &model)?;
     if let Some(dataset) = order.recording {
         require_same_stage(chain, dataset)?;
@@ -475,29 +625,75 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     let mut said = Vec::new();
     let model = formatted(&model, &mut said)?;
     let scale = converters(order, &model)?;
-    let Known { model, mut first, second, recording } = known(chain, model, order, &mut said)?;
+    let Known {
+        model,
+        mut first,
+        second,
+        recording,
+    } = known(chain, model, order, &mut said)?;
     first.frequency = first.frequency.max(order.mode_moves);
     shortcomings(chain, recording.as_ref(), &mut said);
     let rounding_um = scale.adc_lsb_um / 12f64.sqrt();
-    let told_noise_um = order.sensor_noise_um.or(recording.as_ref().and_then(|r| r.noise_um));
+    let told_noise_um = order
+        .sensor_noise_um
+        .or(recording.as_ref().and_then(|r| r.noise_um));
     let sensor_noise_um = told_noise_um.unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
-    let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
+    let largest = if order.learning {
+        learned_feedforward::SENSITIVITY_PEAK
+    } else {
+        f64::INFINITY
+    };
     let sensitivity_peak = order.sensitivity_peak.min(largest);
-    let DesignOrder { reference_hz, usual_margins, .. } = *order;
-    let mut demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..Demands::default() };
+    let DesignOrder {
+        reference_hz,
+        usual_margins,
+        ..
+    } = *order;
+    let mut demands = Demands {
+        reference_hz,
+        sensor_noise_um,
+        sensitivity_peak,
+        usual_margins,
+        ..Demands::default()
+    };
     if !order.inverse {
-        demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(&model).0);
+        demands.model_error_um = demands
+            .model_error_um
+            .max(left_without_inverse_um(&model).0);
     }
     let delay_s = known_delay_s(chain);
-    let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
+    let task = Task {
+        linear: model.linear,
+        first,
+        second,
+        recording: recording.as_ref(),
+        mode_moves: order.mode_moves,
+        demands,
+        delay_s,
+    };
     // A PID alone feeds nothing forward.
     let feeds_forward = order.scheme != SchemeChoice::Pid || order.inverse;
-    let missed = if feeds_forward { missed_by_feedforward(&task)? } else { None };
-    let words = Words { task: &task, recording: recording.as_ref(), inverse: order.inverse };
+    let missed = if feeds_forward {
+        missed_by_feedforward(&task)?
+    } else {
+        None
+    };
+    let words = Words {
+        task: &task,
+        recording: recording.as_ref(),
+        inverse: order.inverse,
+    };
     let (scheme, explanation, scan) = if order.scheme == SchemeChoice::Predictor {
         let scan = task.scan();
         let (chosen, explanation) = words.of(&scan)?;
-        (Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: order.inverse }, explanation, Some(scan))
+        (
+            Scheme::Predictor {
+                tuning: chosen.tuning,
+                hysteresis_inverse: order.inverse,
+            },
+            explanation,
+            Some(scan),
+        )
     } else {
         let chosen = schemes::choose(order.scheme, order.inverse, &model, &task, &words)?;
         (chosen.scheme, chosen.said, None)
@@ -508,7 +704,9 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, model.linear.period_s, &mut said);
-    design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
+    design
+        .parameters(scale.parameters())
+        .map_err(|e| without_integers(&e))?;
     if let Some(chosen) = best.filter(|_| order.mode_moves > 0.0) {
         design.explanation.push(where_the_mode_moves(&task, chosen));
     }
@@ -526,16 +724,27 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         delay::ID,
     ];
     if known_delay_s(chain) > 0.0 {
+        design.explanation.push(format!(
+            "The observer does not carry the delay of {:.0} us; the loop is judged with it.",
+            1e6 * known_delay_s(chain)
+        ));
+    }
+    let left: Vec<String> = chain
+        .effect_ids()
+        .into_iter()
+        .filter(|id| !carried.contains(&id.as_str()))
+        .collect();
+    if !left.is_empty() {
         design
             .explanation
-            .push(format!("The observer does not carry the delay of {:.0} us; the loop is judged with it.", 1e6 * known_delay_s(chain)));
-    }
-    let left: Vec<String> = chain.effect_ids().into_iter().filter(|id| !carried.contains(&id.as_str())).collect();
-    if !left.is_empty() {
-        design.explanation.push(format!("Left to the unknown input: {}.", left.join(", ")));
+            .push(format!("Left to the unknown input: {}.", left.join(", ")));
     }
     if let Some(chosen) = best.filter(|_| order.learning) {
-        let learning = LearningDesign::new(&PredictorDesign::new(&model.linear, &chosen.tuning), &task, model.reach_um())?;
+        let learning = LearningDesign::new(
+            &PredictorDesign::new(&model.linear, &chosen.tuning),
+            &task,
+            model.reach_um(),
+        )?;
         if learning.learns_to_hz() < order.reference_hz {
             return Err(format!(
                 "--learning with --reference-hz {}: {} Name a slower reference, or leave --learning out",
@@ -551,11 +760,15 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         design.explanation.push(adaptation.in_words());
         design.adaptation = Some(adaptation);
     }
-    design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
+    design
+        .parameters(scale.parameters())
+        .map_err(|e| without_integers(&e))?;
     if let Some(scan) = scan {
         design.trade_off = trade_off(&task, &scan, |_| true);
         design.trade_off_usual = trade_off(&task, &scan, Candidate::keeps_usual_margins);
-        design.chosen = scan.chosen(usual_margins).map(|chosen| task.assessment(chosen));
+        design.chosen = scan
+            .chosen(usual_margins)
+            .map(|chosen| task.assessment(chosen));
     }
     Ok(design)
 }
@@ -568,15 +781,29 @@ struct Words<'a> {
 }
 
 impl InWords for Words<'_> {
-    fn of<'a, T: Clone>(&self, scan: &'a Scan<T>) -> Result<(&'a Candidate<T>, Vec<String>), String> {
-        let chosen = scan.chosen(self.task.demands.usual_margins).ok_or_else(|| refusal(scan, self.recording))?;
-        let (Task { first, demands, .. }, good) = (self.task, scan.candidates.iter().filter(|c| c.broken.is_none()).count());
+    fn of<'a, T: Clone>(
+        &self,
+        scan: &'a Scan<T>,
+    ) -> Result<(&'a Candidate<T>, Vec<String>), String> {
+        let chosen = scan
+            .chosen(self.task.demands.usual_margins)
+            .ok_or_else(|| refusal(scan, self.recording))?;
+        let (Task { first, demands, .. }, good) = (
+            self.task,
+            scan.candidates
+                .iter()
+                .filter(|c| c.broken.is_none())
+                .count(),
+        );
         let mut out = vec![
             format!(
                 "Of {} tunings {good} hold for every plant that is left possible; {} smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
                 scan.candidates.len(),
                 if self.task.demands.usual_margins && chosen.keeps_usual_margins() {
-                    format!("of those with {}, this one has the", usual_margins_in_words())
+                    format!(
+                        "of those with {}, this one has the",
+                        usual_margins_in_words()
+                    )
                 } else {
                     "this one has the".to_owned()
                 },
@@ -587,7 +814,11 @@ impl InWords for Words<'_> {
                 demands.reference_hz,
                 1e3 * chosen.slow_um,
                 0.1 * demands.reference_hz,
-                if self.inverse { "a hysteresis model error" } else { "a hysteresis that is not inverted" },
+                if self.inverse {
+                    "a hysteresis model error"
+                } else {
+                    "a hysteresis that is not inverted"
+                },
                 1e3 * demands.model_error_um
             ),
             format!(
@@ -600,7 +831,8 @@ impl InWords for Words<'_> {
             ),
         ];
         out.extend(self.price_of_margins(scan, chosen));
-        let worth = |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
+        let worth =
+            |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
         if let Some(better) = scan.best_if_recorded().filter(worth) {
             out.push(format!(
                 "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
@@ -645,7 +877,10 @@ impl Words<'_> {
                 usual_margins_in_words(),
                 nm(usual)
             ),
-            None => format!("CAUTION: no tuning that holds has {}.", usual_margins_in_words()),
+            None => format!(
+                "CAUTION: no tuning that holds has {}.",
+                usual_margins_in_words()
+            ),
         })
     }
 }
@@ -658,18 +893,32 @@ fn usual_margins_in_words() -> String {
 
 /// Peak of the sensitivity, gain and phase margin of a candidate.
 fn margins_in_words<T>(candidate: &Candidate<T>) -> String {
-    let finite = |value: f64, text: String| if value.is_finite() { text } else { "without a limit".to_owned() };
+    let finite = |value: f64, text: String| {
+        if value.is_finite() {
+            text
+        } else {
+            "without a limit".to_owned()
+        }
+    };
     format!(
         "peak sensitivity {:.2}, gain margin {}, phase margin {}",
         candidate.sensitivity_peak,
-        finite(candidate.gain_margin, format!("{:.1} dB", decibels(candidate.gain_margin))),
-        finite(candidate.phase_margin_deg, format!("{:.0} degrees", candidate.phase_margin_deg))
+        finite(
+            candidate.gain_margin,
+            format!("{:.1} dB", decibels(candidate.gain_margin))
+        ),
+        finite(
+            candidate.phase_margin_deg,
+            format!("{:.0} degrees", candidate.phase_margin_deg)
+        )
     )
 }
 
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + letters.as_str())
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().collect::<String>() + letters.as_str()
+    })
 }
 
 /// Whether a law that is there already holds for the plants that a design for this chain has to hold for.
@@ -695,12 +944,22 @@ impl Reckoned {
     ///
     /// # Errors
     /// The data are not those of the model.
-    pub(super) fn with(chain: &Model, model: ActuatorModel, recording: Option<&Dataset>) -> Result<Self, String> {
+    pub(super) fn with(
+        chain: &Model,
+        model: ActuatorModel,
+        recording: Option<&Dataset>,
+    ) -> Result<Self, String> {
         if let Some(dataset) = recording {
             require_same_stage(chain, dataset)?;
         }
-        let order = DesignOrder { recording, ..DesignOrder::default() };
-        Ok(Self { known: known(chain, model, &order, &mut Vec::new())?, delay_s: known_delay_s(chain) })
+        let order = DesignOrder {
+            recording,
+            ..DesignOrder::default()
+        };
+        Ok(Self {
+            known: known(chain, model, &order, &mut Vec::new())?,
+            delay_s: known_delay_s(chain),
+        })
     }
 
     /// The recording as the model sees it.
@@ -710,8 +969,16 @@ impl Reckoned {
 
     /// Judges a law on an actuator with this gain over the one that the law inverts.
     pub(super) fn judge(&self, law: &PredictorDesign, gain_ratio: f64) -> OnPlants {
-        let Known { model, first, second, recording } = &self.known;
-        let demands = Demands { sensitivity_peak: f64::INFINITY, ..Demands::default() };
+        let Known {
+            model,
+            first,
+            second,
+            recording,
+        } = &self.known;
+        let demands = Demands {
+            sensitivity_peak: f64::INFINITY,
+            ..Demands::default()
+        };
         let task = Task {
             linear: model.linear,
             first: *first,
@@ -734,7 +1001,11 @@ impl Reckoned {
                 }
             ),
         });
-        OnPlants { plants, broken, missing_response: found.unknown }
+        OnPlants {
+            plants,
+            broken,
+            missing_response: found.unknown,
+        }
     }
 }
 
@@ -742,19 +1013,41 @@ impl Reckoned {
 ///
 /// # Errors
 /// The refusal.
-pub fn scheme_without_recording(design: &ServoDesign, choice: SchemeChoice, inverse: bool) -> Result<Scheme, String> {
+pub fn scheme_without_recording(
+    design: &ServoDesign,
+    choice: SchemeChoice,
+    inverse: bool,
+) -> Result<Scheme, String> {
     let (model, linear) = (&design.model, design.model.linear);
     require_usual_rate(choice, linear.period_s)?;
-    let mut demands = Demands { sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM), ..Demands::default() };
+    let mut demands = Demands {
+        sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
+        ..Demands::default()
+    };
     if !inverse {
         demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(model).0);
     }
     let second = linear.second_mode.map(|_| UNCONFIRMED);
-    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
-    let words = Words { task: &task, recording: None, inverse };
+    let task = Task {
+        linear,
+        first: UNCONFIRMED,
+        second,
+        delay_s: 0.0,
+        recording: None,
+        mode_moves: 0.0,
+        demands,
+    };
+    let words = Words {
+        task: &task,
+        recording: None,
+        inverse,
+    };
     if choice == SchemeChoice::Predictor {
         let scan = task.scan();
-        return Ok(Scheme::Predictor { tuning: words.of(&scan)?.0.tuning, hysteresis_inverse: inverse });
+        return Ok(Scheme::Predictor {
+            tuning: words.of(&scan)?.0.tuning,
+            hysteresis_inverse: inverse,
+        });
     }
     Ok(schemes::choose(choice, inverse, model, &task, &words)?.scheme)
 }
@@ -777,9 +1070,17 @@ const MISSED_MOST: f64 = 1.0;
 fn missed_by_feedforward(task: &Task<'_>) -> Result<Option<String>, String> {
     let (sampled, reference_hz) = (task.linear.sampled(), task.demands.reference_hz);
     let taps = feedforward(&sampled);
-    let missed: Vec<(f64, f64)> =
-        (1..=100).map(|i| 0.01 * f64::from(i) * reference_hz).map(|hz| (hz, missed_of_reference(&sampled, &taps, hz))).collect();
-    let followed_to_hz = |most: f64| missed.iter().take_while(|(_, missed)| *missed <= most).last().map_or(0.0, |(hz, _)| *hz);
+    let missed: Vec<(f64, f64)> = (1..=100)
+        .map(|i| 0.01 * f64::from(i) * reference_hz)
+        .map(|hz| (hz, missed_of_reference(&sampled, &taps, hz)))
+        .collect();
+    let followed_to_hz = |most: f64| {
+        missed
+            .iter()
+            .take_while(|(_, missed)| *missed <= most)
+            .last()
+            .map_or(0.0, |(hz, _)| *hz)
+    };
     let most = missed.iter().map(|(_, missed)| *missed).fold(0.0, f64::max);
     if most.is_nan() || most > MISSED_MOST {
         return Err(format!(
@@ -806,8 +1107,19 @@ fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
     let law = PredictorDesign::new(&task.linear, &chosen.tuning);
     let [lower, recorded, higher] = [-1.0, 0.0, 1.0].map(|way| {
         let moved = with_first_mode_at(&task.linear, 1.0 + way * task.mode_moves);
-        let band = ReferenceBand::of(&law, &PlantVariation { delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(&moved), 1.0);
-        format!("{:.0} Hz ({:.2} times at most)", band.bandwidth_hz, band.peak)
+        let band = ReferenceBand::of(
+            &law,
+            &PlantVariation {
+                delay_s: task.delay_s,
+                ..PlantVariation::NONE
+            }
+            .sampled(&moved),
+            1.0,
+        );
+        format!(
+            "{:.0} Hz ({:.2} times at most)",
+            band.bandwidth_hz, band.peak
+        )
     });
     format!(
         "The first mode at {:.0} Hz may move by {:.0} %: references are followed to {recorded} where it was recorded, to {lower} with it lower and {higher} with it higher; {:.2} of the sensor's noise becomes motion.",
@@ -828,13 +1140,29 @@ pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign
     };
     let linear = design.model.linear;
     let second = linear.second_mode.map(|_| UNCONFIRMED);
-    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands: Demands::default() };
-    LearningDesign::new(&PredictorDesign::new(&linear, tuning), &task, design.model.reach_um())
+    let task = Task {
+        linear,
+        first: UNCONFIRMED,
+        second,
+        delay_s: 0.0,
+        recording: None,
+        mode_moves: 0.0,
+        demands: Demands::default(),
+    };
+    LearningDesign::new(
+        &PredictorDesign::new(&linear, tuning),
+        &task,
+        design.model.reach_um(),
+    )
 }
 
 /// The good candidates that no other one beats in both noise and error let through, by rising noise.
 fn trade_off(task: &Task<'_>, scan: &Scan, which: impl Fn(&Candidate) -> bool) -> Vec<Assessment> {
-    let good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none() && which(c)).collect();
+    let good: Vec<_> = scan
+        .candidates
+        .iter()
+        .filter(|c| c.broken.is_none() && which(c))
+        .collect();
     let good = undominated(good, |c| c.noise_um, |c| c.disturbance_um);
     good.into_iter().map(|c| task.assessment(c)).collect()
 }
@@ -852,8 +1180,14 @@ mod tests {
     #[test]
     fn a_reference_beyond_what_the_feedforward_can_do_is_refused_with_one_that_it_can() {
         let missed = |first_hz: f64, second: bool, reference_hz: f64| {
-            let mode = |hz: f64| ModeModel { natural_frequency_rad_s: 2.0 * PI * hz, damping_ratio: 0.02 };
-            let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+            let mode = |hz: f64| ModeModel {
+                natural_frequency_rad_s: 2.0 * PI * hz,
+                damping_ratio: 0.02,
+            };
+            let spread = ModeSpread {
+                frequency: 0.02,
+                damping: 0.2,
+            };
             missed_by_feedforward(&Task {
                 linear: LinearModel {
                     first_mode: mode(first_hz),
@@ -867,15 +1201,29 @@ mod tests {
                 delay_s: 0.0,
                 recording: None,
                 mode_moves: 0.0,
-                demands: Demands { reference_hz, ..Demands::default() },
+                demands: Demands {
+                    reference_hz,
+                    ..Demands::default()
+                },
             })
         };
         assert_eq!(missed(380.0, false, 150.0), Ok(None));
         assert_eq!(missed(380.0, true, 100.0), Ok(None));
-        assert!(missed(150.0, false, 150.0).unwrap().is_some_and(|said| said.contains("lower --reference-hz")));
+        assert!(
+            missed(150.0, false, 150.0)
+                .unwrap()
+                .is_some_and(|said| said.contains("lower --reference-hz"))
+        );
         let refused = missed(60.0, false, 150.0).unwrap_err();
-        assert!(refused.contains("name a --reference-hz of at most") && !refused.contains("row"), "{refused}");
-        assert!(missed(380.0, true, 900.0).unwrap_err().contains("--reference-hz"));
+        assert!(
+            refused.contains("name a --reference-hz of at most") && !refused.contains("row"),
+            "{refused}"
+        );
+        assert!(
+            missed(380.0, true, 900.0)
+                .unwrap_err()
+                .contains("--reference-hz")
+        );
     }
 
     /// The stage is the same in seconds, the block is one that an image of that rate takes, and a file keeps
@@ -884,22 +1232,59 @@ mod tests {
     fn a_predictor_is_designed_for_every_rate_and_the_others_for_one() {
         let overview = Overview::without_data(0.0, 80.0);
         let mut chain = Model::new(0.0, 80.0);
-        for (id, values) in [("hysteresis", &[9.0, 1.0, -2.0][..]), ("vibration", &[5_300.0, 0.6])] {
-            chain.add(EffectInstance::new(by_id(id).expect("an effect"), &overview, values));
+        for (id, values) in [
+            ("hysteresis", &[9.0, 1.0, -2.0][..]),
+            ("vibration", &[5_300.0, 0.6]),
+        ] {
+            chain.add(EffectInstance::new(
+                by_id(id).expect("an effect"),
+                &overview,
+                values,
+            ));
         }
         let usual = FrontEnd::default();
         for sample_rate_hz in [50_000, 100_000] {
-            let front_end = FrontEnd { sample_rate_hz, ..FrontEnd::default() };
-            let order = DesignOrder { front_end: Some(&front_end), ..DesignOrder::default() };
+            let front_end = FrontEnd {
+                sample_rate_hz,
+                ..FrontEnd::default()
+            };
+            let order = DesignOrder {
+                front_end: Some(&front_end),
+                ..DesignOrder::default()
+            };
             let servo = design(&chain, &order).expect("a servo");
-            let radius = servo.law().expect("a law").spectral_radius(&servo.model.linear.sampled(), 1.0, 0);
+            let radius =
+                servo
+                    .law()
+                    .expect("a law")
+                    .spectral_radius(&servo.model.linear.sampled(), 1.0, 0);
             assert!(radius < 1.0, "{radius}");
             let parameters = amplifier_parameters(&servo, &front_end).expect("a block");
-            assert_eq!((servo.period_s(), parameters.physical.sample_rate_hz), (front_end.period_s(), sample_rate_hz));
+            assert_eq!(
+                (servo.period_s(), parameters.physical.sample_rate_hz),
+                (front_end.period_s(), sample_rate_hz)
+            );
             let text = toml::to_string(&servo).expect("a file");
-            assert_eq!(toml::from_str::<ServoDesign>(&text).expect("a servo").period_s(), servo.period_s());
-            assert!(amplifier_parameters(&servo, &usual).unwrap_err().to_string().contains("designed for"));
-            let refused = design(&chain, &DesignOrder { scheme: SchemeChoice::Pid, ..order }).unwrap_err();
+            assert_eq!(
+                toml::from_str::<ServoDesign>(&text)
+                    .expect("a servo")
+                    .period_s(),
+                servo.period_s()
+            );
+            assert!(
+                amplifier_parameters(&servo, &usual)
+                    .unwrap_err()
+                    .to_string()
+                    .contains("designed for")
+            );
+            let refused = design(
+                &chain,
+                &DesignOrder {
+                    scheme: SchemeChoice::Pid,
+                    ..order
+                },
+            )
+            .unwrap_err();
             assert!(refused.contains("--scheme predictor"), "{refused}");
         }
     }

@@ -20,13 +20,20 @@ pub struct PlantVariation {
 
 impl PlantVariation {
     /// As the model has it.
-    pub const NONE: Self = Self { gain: 1.0, mass_ratio: 1.0, delay_s: 0.0, mode: None };
+    pub const NONE: Self = Self {
+        gain: 1.0,
+        mass_ratio: 1.0,
+        delay_s: 0.0,
+        mode: None,
+    };
 
     /// The varied plant, sampled with its drive held; a delay that is no multiple of the period is exact.
     #[must_use]
     pub fn sampled(&self, linear: &LinearModel) -> SampledModel {
         let period_s = linear.period_s;
-        let mut system = linear.with_mass_ratio(self.mass_ratio).continuous_with(self.mode);
+        let mut system = linear
+            .with_mass_ratio(self.mass_ratio)
+            .continuous_with(self.mode);
         system.b *= self.gain;
         let whole = (self.delay_s / period_s).floor().max(0.0);
         let rest_s = (self.delay_s - whole * period_s).max(0.0);
@@ -38,7 +45,12 @@ impl PlantVariation {
         let (_, early) = system.held_matrices(rest_s);
         let before = &later * early;
         if self.delay_s <= 0.0 {
-            return SampledModel { a: phi, b: now, c: system.c, period_s };
+            return SampledModel {
+                a: phi,
+                b: now,
+                c: system.c,
+                period_s,
+            };
         }
         // States: the plant's, then the drives that are on their way, newest first.
         let size = n + whole + 1;
@@ -68,7 +80,10 @@ mod tests {
 
     fn linear() -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 4000.0, damping_ratio: 0.2 },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 4000.0,
+                damping_ratio: 0.2,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: Some(5000.0),
             sensor_bandwidth_hz: Some(8000.0),
@@ -89,14 +104,26 @@ mod tests {
     /// Delayed by fractions, seen on a grid ten times as fine with the drive held over ten of its steps.
     #[test]
     fn a_delay_within_a_period_is_the_one_of_a_finer_grid() {
-        let fine = LinearModel { period_s: SAMPLING_PERIOD_S / 10.0, ..linear() }.sampled();
+        let fine = LinearModel {
+            period_s: SAMPLING_PERIOD_S / 10.0,
+            ..linear()
+        }
+        .sampled();
         for tenths in [3usize, 10, 17, 20] {
-            let delayed = PlantVariation { delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0, ..PlantVariation::NONE }.sampled(&linear());
+            let delayed = PlantVariation {
+                delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0,
+                ..PlantVariation::NONE
+            }
+            .sampled(&linear());
             let late = step_answer(&delayed, 30);
             let at_once = step_answer(&fine, 300);
             for (k, y) in late.iter().enumerate() {
                 let steps = 10 * (k + 1);
-                let expected = if steps > tenths { at_once[steps - tenths - 1] } else { 0.0 };
+                let expected = if steps > tenths {
+                    at_once[steps - tenths - 1]
+                } else {
+                    0.0
+                };
                 assert!((y - expected).abs() < 1e-9, "{tenths} {k}: {y} {expected}");
             }
         }
@@ -104,10 +131,21 @@ mod tests {
 
     #[test]
     fn an_unknown_mode_takes_its_share_from_the_first_one() {
-        let mode = ModeModel { natural_frequency_rad_s: 30_000.0, damping_ratio: 0.3 };
-        let varied = PlantVariation { gain: 1.3, mode: Some((0.1, mode)), ..PlantVariation::NONE }.sampled(&linear());
+        let mode = ModeModel {
+            natural_frequency_rad_s: 30_000.0,
+            damping_ratio: 0.3,
+        };
+        let varied = PlantVariation {
+            gain: 1.3,
+            mode: Some((0.1, mode)),
+            ..PlantVariation::NONE
+        }
+        .sampled(&linear());
         let at_rest = step_answer(&varied, 3000).pop().unwrap();
         assert!((at_rest - 1.3).abs() < 1e-9, "{at_rest}");
-        assert_eq!(PlantVariation::NONE.sampled(&linear()).a, linear().sampled().a);
+        assert_eq!(
+            PlantVariation::NONE.sampled(&linear()).a,
+            linear().sampled().a
+        );
     }
 }

@@ -86,7 +86,9 @@ fn kalman_predictor(a: &DMatrix<f64>, c: &DVector<f64>, q: &DMatrix<f64>, r: f64
     let identity = DMatrix::<f64>::identity(n, n);
     let (mut alpha, mut beta, mut p) = (a.transpose(), c * c.transpose() / r, q.clone());
     for _ in 0..40 {
-        let Some(inverse) = (&identity + &beta * &p).try_inverse() else { break };
+        let Some(inverse) = (&identity + &beta * &p).try_inverse() else {
+            break;
+        };
         let step = alpha.transpose() * &p * &inverse * &alpha;
         let next_beta = &beta + &alpha * &inverse * &beta * alpha.transpose();
         alpha = &alpha * &inverse * &alpha;
@@ -103,7 +105,12 @@ fn kalman_predictor(a: &DMatrix<f64>, c: &DVector<f64>, q: &DMatrix<f64>, r: f64
 
 /// Gain of the linear-quadratic problem `sum y^2 + rho v^2`: the dual of the predictor.
 fn quadratic_regulator(model: &SampledModel, rho: f64) -> DVector<f64> {
-    kalman_predictor(&model.a.transpose(), &model.b, &(&model.c * model.c.transpose()), rho)
+    kalman_predictor(
+        &model.a.transpose(),
+        &model.b,
+        &(&model.c * model.c.transpose()),
+        rho,
+    )
 }
 
 /// Frequency response of a sampled model.
@@ -111,7 +118,11 @@ fn quadratic_regulator(model: &SampledModel, rho: f64) -> DVector<f64> {
 pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64> {
     let n = model.a.nrows();
     let z = Complex::from_polar(1.0, omega_rad_s * model.period_s);
-    let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { z } else { Complex::new(0.0, 0.0) } - Complex::new(model.a[(i, j)], 0.0));
+    let matrix = DMatrix::from_fn(
+        n,
+        n,
+        |i, j| if i == j { z } else { Complex::new(0.0, 0.0) } - Complex::new(model.a[(i, j)], 0.0),
+    );
     let b = model.b.map(|v| Complex::new(v, 0.0));
     match matrix.lu().solve(&b) {
         Some(x) => x.iter().zip(model.c.iter()).map(|(x, c)| x * *c).sum(),
@@ -122,7 +133,11 @@ pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64
 /// What a reference becomes on an actuator: motion over reference, from the responses of the actuator, of the
 /// feedforward and of the law's drive to the reading, all at one frequency.
 #[must_use]
-pub fn reference_response(plant: Complex<f64>, feedforward: Complex<f64>, law: Complex<f64>) -> Complex<f64> {
+pub fn reference_response(
+    plant: Complex<f64>,
+    feedforward: Complex<f64>,
+    law: Complex<f64>,
+) -> Complex<f64> {
     let one = Complex::new(1.0, 0.0);
     one + (plant * feedforward - one) / (one + plant * law)
 }
@@ -145,7 +160,8 @@ const EVENLY_TO_HZ: f64 = 100.0;
 /// taps go.
 #[must_use]
 pub fn feedforward(model: &SampledModel) -> Vec<f64> {
-    let inverse = |w: f64| Complex::from_polar(1.0, w * model.period_s) / frequency_response(model, w);
+    let inverse =
+        |w: f64| Complex::from_polar(1.0, w * model.period_s) / frequency_response(model, w);
     let fits = |taps: &Vec<f64>| taps.iter().map(|tap| tap.abs()).sum::<f64>() < LARGEST_TAPS;
     let whole = window_fit::fit(model.period_s, inverse);
     if fits(&whole) {
@@ -153,14 +169,23 @@ pub fn feedforward(model: &SampledModel) -> Vec<f64> {
     }
     let left = |taps: &Vec<f64>| -> f64 {
         let of_band = (1..=90).map(|i| 0.1 * window_fit::BAND_HZ / 9.0 * f64::from(i));
-        of_band.map(|hz| (missed_of_reference(model, taps, hz) * EVENLY_TO_HZ / hz.max(EVENLY_TO_HZ)).powi(2)).sum()
+        of_band
+            .map(|hz| {
+                (missed_of_reference(model, taps, hz) * EVENLY_TO_HZ / hz.max(EVENLY_TO_HZ)).powi(2)
+            })
+            .sum()
     };
     let narrower = |weight: f64| {
-        let fitted = NARROWER_BANDS_HZ.iter().map(|band_hz| window_fit::fit_in(model.period_s, *band_hz, weight, inverse));
-        fitted.filter(fits).min_by(|a, b| left(a).total_cmp(&left(b)))
+        let fitted = NARROWER_BANDS_HZ
+            .iter()
+            .map(|band_hz| window_fit::fit_in(model.period_s, *band_hz, weight, inverse));
+        fitted
+            .filter(fits)
+            .min_by(|a, b| left(a).total_cmp(&left(b)))
     };
     // The more weight, the smaller the taps: the last come down to the constant alone.
-    let found = (0..12).find_map(|nth| narrower(if nth == 0 { 0.0 } else { 1e-3 * 4f64.powi(nth) }));
+    let found =
+        (0..12).find_map(|nth| narrower(if nth == 0 { 0.0 } else { 1e-3 * 4f64.powi(nth) }));
     found.unwrap_or(whole)
 }
 
@@ -178,14 +203,20 @@ fn feedforward_response(taps: &[f64], period_s: f64, hz: f64) -> Complex<f64> {
     // Computed at a tick, it acts one period later.
     let before = (WINDOW - PREVIEW_TICKS) as f64;
     let step = std::f64::consts::TAU * hz * period_s;
-    taps.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before))).sum()
+    taps.iter()
+        .enumerate()
+        .map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before)))
+        .sum()
 }
 
 impl PredictorDesign {
     /// For a linear model and a tuning.
     #[must_use]
     pub fn new(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
-        Self { feedforward: feedforward(&linear.sampled()), ..Self::of_loop(linear, tuning) }
+        Self {
+            feedforward: feedforward(&linear.sampled()),
+            ..Self::of_loop(linear, tuning)
+        }
     }
 
     /// What closes the loop, without a feedforward: that depends on the model alone, and many tunings are
@@ -225,9 +256,18 @@ impl PredictorDesign {
             }
         }
         let mut k = DVector::zeros(STATES);
-        k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
+        k.view_mut((0, 0), (n, 1))
+            .copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
-        Self { a, b, c, l, k, feedforward: Vec::new(), period_s: linear.period_s }
+        Self {
+            a,
+            b,
+            c,
+            l,
+            k,
+            feedforward: Vec::new(),
+            period_s: linear.period_s,
+        }
     }
 
     /// Response of the feedforward at a frequency: what acts, over the reference of the same instant.
@@ -246,7 +286,10 @@ impl PredictorDesign {
     /// # Errors
     /// If a coefficient does not fit.
     pub fn quantised(&self) -> Result<PredictorParameters, QuantisationError> {
-        self.as_it_stands().or_else(|_| self.with_states_multiplied(&self.multipliers()).as_it_stands())
+        self.as_it_stands().or_else(|_| {
+            self.with_states_multiplied(&self.multipliers())
+                .as_it_stands()
+        })
     }
 
     /// The same law with each of the states of the linear dynamics in another unit.
@@ -269,9 +312,21 @@ impl PredictorDesign {
         const LINEAR: usize = predictor_law::STATES;
         let taken = |exponents: &[i32; LINEAR]| -> f64 {
             let law = self.with_states_multiplied(&exponents.map(|e| 2f64.powi(e)));
-            let row = |i: usize| law.a.row(i).iter().take(LINEAR).map(|c| c.abs()).sum::<f64>() + law.l[i].abs() + law.b[i].abs();
+            let row = |i: usize| {
+                law.a
+                    .row(i)
+                    .iter()
+                    .take(LINEAR)
+                    .map(|c| c.abs())
+                    .sum::<f64>()
+                    + law.l[i].abs()
+                    + law.b[i].abs()
+            };
             let rows = (0..LINEAR).map(|i| row(i) / OF_STATE_ROW_MOST);
-            let outputs = [law.c.lp_norm(1) / OF_STATE_ROW_MOST, law.k.rows(0, LINEAR).lp_norm(1) / OF_OUTPUT_ROW_MOST];
+            let outputs = [
+                law.c.lp_norm(1) / OF_STATE_ROW_MOST,
+                law.k.rows(0, LINEAR).lp_norm(1) / OF_OUTPUT_ROW_MOST,
+            ];
             // A high power: the fullest row counts, and of two that are full both.
             rows.chain(outputs).map(|share| share.powi(8)).sum()
         };
@@ -326,11 +381,14 @@ impl PredictorDesign {
         let input = -&self.k.transpose();
         let law = &self.a - &self.l * self.c.transpose() + &self.b * &input;
         m.view_mut((n, n), (STATES, STATES)).copy_from(&law);
-        m.view_mut((n, 0), (STATES, n)).copy_from(&(&self.l * plant.c.transpose()));
+        m.view_mut((n, 0), (STATES, n))
+            .copy_from(&(&self.l * plant.c.transpose()));
         if extra_delay == 0 {
-            m.view_mut((0, n), (n, STATES)).copy_from(&(&plant.b * &input * gain));
+            m.view_mut((0, n), (n, STATES))
+                .copy_from(&(&plant.b * &input * gain));
         } else {
-            m.view_mut((0, n + STATES), (n, 1)).copy_from(&(&plant.b * gain));
+            m.view_mut((0, n + STATES), (n, 1))
+                .copy_from(&(&plant.b * gain));
             m.view_mut((n + STATES, n), (1, STATES)).copy_from(&input);
         }
         m
@@ -349,7 +407,16 @@ impl PredictorDesign {
         // The iteration for eigenvalues need not come to an end on a matrix that is nearly defective, as a
         // loop with a small share is.
         let schur = Schur::try_new(closed.clone(), f64::EPSILON, MOST_ITERATIONS);
-        schur.map_or_else(|| growth(closed), |schur| schur.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max))
+        schur.map_or_else(
+            || growth(closed),
+            |schur| {
+                schur
+                    .complex_eigenvalues()
+                    .iter()
+                    .map(|z| z.norm())
+                    .fold(0.0, f64::max)
+            },
+        )
     }
 
     /// The law while its drive stands at a limit for part of every cycle: only a share of what it commands
@@ -359,13 +426,20 @@ impl PredictorDesign {
     /// stable within its limits.
     #[must_use]
     pub fn at_a_limit(&self, share: f64) -> Self {
-        Self { k: &self.k * share, ..self.clone() }
+        Self {
+            k: &self.k * share,
+            ..self.clone()
+        }
     }
 
     /// Frequency responses of the closed loop at `omega`: from the unknown input to the true reading, and
     /// from sensor noise to it.
     #[must_use]
-    pub fn sensitivities(&self, plant: &SampledModel, omega_rad_s: f64) -> (Complex<f64>, Complex<f64>) {
+    pub fn sensitivities(
+        &self,
+        plant: &SampledModel,
+        omega_rad_s: f64,
+    ) -> (Complex<f64>, Complex<f64>) {
         let closed = self.closed_loop(plant, 1.0, 0);
         let n = plant.a.nrows();
         let size = closed.nrows();
@@ -376,7 +450,15 @@ impl PredictorDesign {
         let mut from_noise = DVector::zeros(size);
         from_noise.view_mut((n, 0), (STATES, 1)).copy_from(&self.l);
         let response = |b: DVector<f64>| {
-            frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone(), period_s: plant.period_s }, omega_rad_s)
+            frequency_response(
+                &SampledModel {
+                    a: closed.clone(),
+                    b,
+                    c: c.clone(),
+                    period_s: plant.period_s,
+                },
+                omega_rad_s,
+            )
         };
         (response(from_input), response(from_noise))
     }
@@ -407,7 +489,12 @@ fn growth(mut matrix: DMatrix<f64>) -> f64 {
 
 /// Eigenvalues without those of states that are not used (exactly zero rows).
 fn used_eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
-    matrix.complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
+    matrix
+        .complex_eigenvalues()
+        .iter()
+        .copied()
+        .filter(|z| z.norm() > 1e-9)
+        .collect()
 }
 
 /// Margins that a design keeps: largest eigenvalue magnitudes of the sampled closed loop in each case. Below
@@ -476,7 +563,13 @@ pub struct Demands {
 
 impl Default for Demands {
     fn default() -> Self {
-        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5, usual_margins: true }
+        Self {
+            reference_hz: 150.0,
+            model_error_um: 0.02,
+            sensor_noise_um: 0.001,
+            sensitivity_peak: 2.5,
+            usual_margins: true,
+        }
     }
 }
 
@@ -511,37 +604,70 @@ pub fn best_of<G: Copy + Send + Sync>(
     linear: &LinearModel,
     demands: &Demands,
 ) -> Option<(G, TuningJudgement)> {
-    let slow = Demands { reference_hz: 0.1 * demands.reference_hz, ..*demands };
+    let slow = Demands {
+        reference_hz: 0.1 * demands.reference_hz,
+        ..*demands
+    };
     let judged = parallel::map_indices(candidates.len(), |i| {
         let design = law(&candidates[i]);
         let judgement = judge(&design, linear, demands);
-        let expected = judgement.expected_um().hypot(judge(&design, linear, &slow).disturbance_um);
-        judgement.accepted.then_some((expected, candidates[i], judgement))
+        let expected = judgement
+            .expected_um()
+            .hypot(judge(&design, linear, &slow).disturbance_um);
+        judgement
+            .accepted
+            .then_some((expected, candidates[i], judgement))
     });
-    judged.into_iter().flatten().min_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, gains, judgement)| (gains, judgement))
+    judged
+        .into_iter()
+        .flatten()
+        .min_by(|x, y| x.0.total_cmp(&y.0))
+        .map(|(_, gains, judgement)| (gains, judgement))
 }
 
 /// Assesses one tuning.
 #[must_use]
 pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands) -> Assessment {
-    let TuningJudgement { noise_um, disturbance_um, margins, accepted } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
-    Assessment { tuning: *tuning, noise_um, disturbance_um, margins, accepted }
+    let TuningJudgement {
+        noise_um,
+        disturbance_um,
+        margins,
+        accepted,
+    } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
+    Assessment {
+        tuning: *tuning,
+        noise_um,
+        disturbance_um,
+        margins,
+        accepted,
+    }
 }
 
 /// Judges a law on the model that it was designed for: what it lets through, and its margins.
 #[must_use]
 pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> TuningJudgement {
     let plant = linear.sampled();
-    let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(), gain, delay);
+    let radius = |model: &LinearModel, gain: f64, delay: usize| {
+        design.spectral_radius(&model.sampled(), gain, delay)
+    };
     let other_mode = match linear.second_mode {
         Some((share, mode)) => {
-            let lower = ModeModel { natural_frequency_rad_s: 0.9 * mode.natural_frequency_rad_s, ..mode };
-            LinearModel { second_mode: Some((share, lower)), ..*linear }
+            let lower = ModeModel {
+                natural_frequency_rad_s: 0.9 * mode.natural_frequency_rad_s,
+                ..mode
+            };
+            LinearModel {
+                second_mode: Some((share, lower)),
+                ..*linear
+            }
         }
         None => LinearModel {
             second_mode: Some((
                 0.02,
-                ModeModel { natural_frequency_rad_s: 6.0 * linear.first_mode.natural_frequency_rad_s, damping_ratio: 0.02 },
+                ModeModel {
+                    natural_frequency_rad_s: 6.0 * linear.first_mode.natural_frequency_rad_s,
+                    damping_ratio: 0.02,
+                },
             )),
             ..*linear
         },
@@ -557,7 +683,10 @@ pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) 
     }
     let mut disturbance_power = 0.0;
     for (harmonic, share) in [(1.0, 1.0), (2.0, 0.5), (3.0, 0.33), (5.0, 0.2)] {
-        let (unknown, _) = design.sensitivities(&plant, std::f64::consts::TAU * demands.reference_hz * harmonic);
+        let (unknown, _) = design.sensitivities(
+            &plant,
+            std::f64::consts::TAU * demands.reference_hz * harmonic,
+        );
         disturbance_power += (unknown.norm() * share * demands.model_error_um).powi(2);
     }
     let margins = Margins {
@@ -569,9 +698,16 @@ pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) 
         second_mode: radius(&other_mode, 1.0, 0),
         sensitivity_peak,
     };
-    let worst = [margins.nominal, margins.gain_half, margins.gain_plus_half, margins.delay, margins.mass_double, margins.second_mode]
-        .into_iter()
-        .fold(0.0, f64::max);
+    let worst = [
+        margins.nominal,
+        margins.gain_half,
+        margins.gain_plus_half,
+        margins.delay,
+        margins.mass_double,
+        margins.second_mode,
+    ]
+    .into_iter()
+    .fold(0.0, f64::max);
     TuningJudgement {
         noise_um: noise_power.sqrt() * demands.sensor_noise_um,
         disturbance_um: disturbance_power.sqrt(),
@@ -600,8 +736,13 @@ pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
             }
         }
     }
-    let mut out: Vec<Assessment> = parallel::map(&candidates, |tuning| assess(linear, tuning, demands));
-    out.sort_by(|x, y| y.accepted.cmp(&x.accepted).then(x.expected_um().total_cmp(&y.expected_um())));
+    let mut out: Vec<Assessment> =
+        parallel::map(&candidates, |tuning| assess(linear, tuning, demands));
+    out.sort_by(|x, y| {
+        y.accepted
+            .cmp(&x.accepted)
+            .then(x.expected_um().total_cmp(&y.expected_um()))
+    });
     out
 }
 
@@ -615,18 +756,28 @@ mod tests {
     #[test]
     fn a_law_that_does_not_fit_in_one_unit_of_its_states_fits_in_another() {
         let linear = LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 2387.6, damping_ratio: 0.02 },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 2387.6,
+                damping_ratio: 0.02,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
             period_s: 5e-5,
         };
-        let tuning = PredictorTuning { unknown_change_um: 0.05, force_noise_um: 5.0, sensor_noise_um: 0.0005, ..PredictorTuning::START };
+        let tuning = PredictorTuning {
+            unknown_change_um: 0.05,
+            force_noise_um: 5.0,
+            sensor_noise_um: 0.0005,
+            ..PredictorTuning::START
+        };
         let law = PredictorDesign::new(&linear, &tuning);
         assert!(law.as_it_stands().is_err(), "{}", law.l);
         let integers = law.quantised().unwrap();
         // From the integers back: the answer of the drive to the reading is the same.
-        let rows = integers.state_rows.map(|row| row.coefficients.map(|c| f64::from(c) / 2f64.powi(27)));
+        let rows = integers
+            .state_rows
+            .map(|row| row.coefficients.map(|c| f64::from(c) / 2f64.powi(27)));
         let mut again = law.clone();
         for (i, row) in rows.iter().enumerate() {
             (0..predictor_law::STATES).for_each(|j| again.a[(i, j)] = row[j]);
@@ -640,7 +791,10 @@ mod tests {
             assert!((a - b).norm() < 1e-4 * a.norm(), "{hz} Hz: {a} {b}");
         }
         let multiplied = law.multipliers();
-        assert!(multiplied.iter().all(|m| *m <= 1.0) && multiplied.iter().any(|m| *m < 1.0), "{multiplied:?}");
+        assert!(
+            multiplied.iter().all(|m| *m <= 1.0) && multiplied.iter().any(|m| *m < 1.0),
+            "{multiplied:?}"
+        );
     }
 
     /// Two light modes: nothing moves between them at 745 Hz, and the feedforward follows slower references
@@ -648,13 +802,26 @@ mod tests {
     #[test]
     fn a_feedforward_fits_where_nothing_moves_between_two_modes_and_where_the_mode_is_slow() {
         let of = |second: bool, first_hz: f64| LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: std::f64::consts::TAU * first_hz, damping_ratio: 0.02 },
-            second_mode: second.then_some((0.1, ModeModel { natural_frequency_rad_s: 5654.9, damping_ratio: 0.02 })),
+            first_mode: ModeModel {
+                natural_frequency_rad_s: std::f64::consts::TAU * first_hz,
+                damping_ratio: 0.02,
+            },
+            second_mode: second.then_some((
+                0.1,
+                ModeModel {
+                    natural_frequency_rad_s: 5654.9,
+                    damping_ratio: 0.02,
+                },
+            )),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
             period_s: 5e-5,
         };
-        for (linear, hz, most) in [(of(true, 380.0), 20.0, 1e-3), (of(true, 380.0), 150.0, 0.01), (of(false, 150.0), 20.0, 5e-3)] {
+        for (linear, hz, most) in [
+            (of(true, 380.0), 20.0, 1e-3),
+            (of(true, 380.0), 150.0, 0.01),
+            (of(false, 150.0), 20.0, 5e-3),
+        ] {
             let model = linear.sampled();
             let taps = feedforward(&model);
             assert!(taps.iter().map(|t| t.abs()).sum::<f64>() < LARGEST_TAPS);
@@ -667,10 +834,26 @@ mod tests {
     /// own.
     #[test]
     fn growth_is_the_largest_eigenvalue_without_eigenvalues() {
-        let defective = DMatrix::from_fn(4, 4, |i, j| f64::from(u8::from(j == i + 1)) + if i == j { 0.99 } else { 0.0 });
+        let defective = DMatrix::from_fn(4, 4, |i, j| {
+            f64::from(u8::from(j == i + 1)) + if i == j { 0.99 } else { 0.0 }
+        });
         assert!((growth(defective) - 0.99).abs() < 1e-8);
         let (sin, cos) = 0.7f64.sin_cos();
-        let turning = DMatrix::from_row_slice(3, 3, &[1.01 * cos, -1.01 * sin, 5.0, 1.01 * sin, 1.01 * cos, 0.0, 0.0, 0.0, 0.5]);
+        let turning = DMatrix::from_row_slice(
+            3,
+            3,
+            &[
+                1.01 * cos,
+                -1.01 * sin,
+                5.0,
+                1.01 * sin,
+                1.01 * cos,
+                0.0,
+                0.0,
+                0.0,
+                0.5,
+            ],
+        );
         assert!((growth(turning) - 1.01).abs() < 1e-8);
         assert!(growth(DMatrix::zeros(2, 2)) < 1e-300);
     }

@@ -5,7 +5,9 @@ use super::creep::{self, CreepPair, CreepTerm};
 use super::model::ActuatorModel;
 use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use hysteron_core::integer_row::Row;
-use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
+use hysteron_core::one_sided_hysteresis::{
+    SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits,
+};
 use hysteron_core::predictor_law::{OUTPUT_ROW_FRACTION_BITS, STATE_ROW_FRACTION_BITS};
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
@@ -30,7 +32,11 @@ pub struct QuantisationError {
 
 impl std::fmt::Display for QuantisationError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} = {:.6e} does not fit the servo's fixed-point format (largest magnitude {:.6e})", self.what, self.value, self.limit)
+        write!(
+            f,
+            "{} = {:.6e} does not fit the servo's fixed-point format (largest magnitude {:.6e})",
+            self.what, self.value, self.limit
+        )
     }
 }
 
@@ -63,7 +69,11 @@ pub fn number(what: &str, value: f64, fraction_bits: i32) -> Result<i32, Quantis
     if scaled.is_finite() && scaled.abs() <= f64::from(i32::MAX) {
         Ok(scaled as i32)
     } else {
-        Err(QuantisationError { what: what.into(), value, limit: f64::from(i32::MAX) / 2.0_f64.powi(fraction_bits) })
+        Err(QuantisationError {
+            what: what.into(),
+            value,
+            limit: f64::from(i32::MAX) / 2.0_f64.powi(fraction_bits),
+        })
     }
 }
 
@@ -87,7 +97,11 @@ pub fn row<const N: usize, const Q: u32>(
     }
     if sum >= f64::from(i32::MAX) {
         let scale = 2.0_f64.powi(Q as i32);
-        return Err(QuantisationError { what: format!("sum of |{what}|"), value: sum / scale, limit: f64::from(i32::MAX) / scale });
+        return Err(QuantisationError {
+            what: format!("sum of |{what}|"),
+            value: sum / scale,
+            limit: f64::from(i32::MAX) / scale,
+        });
     }
     Ok(out)
 }
@@ -96,7 +110,10 @@ pub fn row<const N: usize, const Q: u32>(
 ///
 /// # Errors
 /// As [`row`].
-pub fn row_um<const N: usize, const Q: u32>(what: &str, coefficients: &[f64]) -> Result<Row<N, Q>, QuantisationError> {
+pub fn row_um<const N: usize, const Q: u32>(
+    what: &str,
+    coefficients: &[f64],
+) -> Result<Row<N, Q>, QuantisationError> {
     row(what, coefficients, |_| Unit::Micrometre, Unit::Micrometre)
 }
 
@@ -105,9 +122,16 @@ pub fn row_um<const N: usize, const Q: u32>(what: &str, coefficients: &[f64]) ->
 /// # Errors
 /// If the degree exceeds the servo's or a coefficient does not fit.
 pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, QuantisationError> {
-    let mut surfaces = SurfaceCoefficients { g: [[0; SURFACE_SIZE]; SURFACE_SIZE], f: [0; SURFACE_SIZE] };
+    let mut surfaces = SurfaceCoefficients {
+        g: [[0; SURFACE_SIZE]; SURFACE_SIZE],
+        f: [0; SURFACE_SIZE],
+    };
     let bits = |i: usize, j: usize| surface_fraction_bits(i, j) as i32;
-    let too_high = |what: String, value: f64| QuantisationError { what: format!("{what} (degree too high)"), value, limit: 0.0 };
+    let too_high = |what: String, value: f64| QuantisationError {
+        what: format!("{what} (degree too high)"),
+        value,
+        limit: 0.0,
+    };
     for (i, row) in model.g_um.iter().enumerate() {
         for (j, value) in row.iter().enumerate() {
             if i + j < SURFACE_SIZE {
@@ -118,7 +142,13 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
         }
     }
     for i in 0..model.r_um.len().max(model.g_um.len()) {
-        let value = model.r_um.get(i).copied().unwrap_or(0.0) + model.g_um.get(i).and_then(|r| r.first()).copied().unwrap_or(0.0);
+        let value = model.r_um.get(i).copied().unwrap_or(0.0)
+            + model
+                .g_um
+                .get(i)
+                .and_then(|r| r.first())
+                .copied()
+                .unwrap_or(0.0);
         if i < SURFACE_SIZE {
             surfaces.f[i] = number(&format!("F[{i}]"), value, bits(i, 0))?;
         } else if value.abs() > 1e-9 {
@@ -126,9 +156,19 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
         }
     }
     for (degree, limit) in SURFACE_LIMITS_UM.iter().enumerate() {
-        let sum: f64 = model.g_um.iter().enumerate().flat_map(|(i, row)| row.iter().skip(degree.saturating_sub(i))).map(|v| v.abs()).sum();
+        let sum: f64 = model
+            .g_um
+            .iter()
+            .enumerate()
+            .flat_map(|(i, row)| row.iter().skip(degree.saturating_sub(i)))
+            .map(|v| v.abs())
+            .sum();
         if sum >= f64::from(*limit) {
-            return Err(QuantisationError { what: format!("sum of |G| from degree {degree} on"), value: sum, limit: f64::from(*limit) });
+            return Err(QuantisationError {
+                what: format!("sum of |G| from degree {degree} on"),
+                value: sum,
+                limit: f64::from(*limit),
+            });
         }
     }
     let range_v = model.drive_max_v - model.drive_min_v;
@@ -144,7 +184,11 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
 ///
 /// # Errors
 /// If there are more terms than the tick has, a coefficient does not fit, or the inverse would not be stable.
-pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>, period_s: f64) -> Result<CreepInverseParameters, QuantisationError> {
+pub fn creep_inverse(
+    terms: &[CreepTerm],
+    pair: Option<&CreepPair>,
+    period_s: f64,
+) -> Result<CreepInverseParameters, QuantisationError> {
     let used: Vec<&CreepTerm> = terms.iter().filter(|t| t.share.abs() > 1e-9).collect();
     if used.is_empty() && pair.is_none() {
         return Ok(CreepInverseParameters::default());
@@ -162,13 +206,25 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>, period_s: f6
     shares.extend(pair.iter().flat_map(|p| [p.share, p.velocity_share]));
     let of_pair = |i: usize, j: usize| phi.map_or(0.0, |phi: [[f64; 2]; 2]| phi[i][j]);
     let recursion = DMatrix::from_fn(rates.len(), rates.len(), |i, j| {
-        let own = if i >= n && j >= n { of_pair(i - n, j - n) } else { f64::from(u8::from(i == j)) * (1.0 - rates[i]) };
+        let own = if i >= n && j >= n {
+            of_pair(i - n, j - n)
+        } else {
+            f64::from(u8::from(i == j)) * (1.0 - rates[i])
+        };
         own - rates[i] * shares[j]
     });
-    let radius = recursion.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+    let radius = recursion
+        .complex_eigenvalues()
+        .iter()
+        .map(|z| z.norm())
+        .fold(0.0, f64::max);
     // Between states that stand still and states that follow any mixture may move: their shares are bounded
     // beside.
-    let of_operators: f64 = if used.iter().any(|t| t.threshold_um > 0.0) { shares.iter().map(|s| s.abs()).sum() } else { 0.0 };
+    let of_operators: f64 = if used.iter().any(|t| t.threshold_um > 0.0) {
+        shares.iter().map(|s| s.abs()).sum()
+    } else {
+        0.0
+    };
     if radius >= 1.0 || of_operators >= 1.0 {
         return Err(QuantisationError {
             what: "largest eigenvalue of the inverse of creep".into(),
@@ -176,11 +232,19 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>, period_s: f6
             limit: 1.0,
         });
     }
-    let mut out = CreepInverseParameters { terms: n as u8, pair: pair.is_some(), ..CreepInverseParameters::default() };
+    let mut out = CreepInverseParameters {
+        terms: n as u8,
+        pair: pair.is_some(),
+        ..CreepInverseParameters::default()
+    };
     out.shares = row_um("shares of creep", &shares[..n])?;
     for (i, term) in used.iter().enumerate() {
         out.rates[i] = number("rate of creep", rates[i], 32)?;
-        out.thresholds[i] = number("threshold of creep", term.threshold_um, MICROMETRE_FRACTION_BITS as i32)?;
+        out.thresholds[i] = number(
+            "threshold of creep",
+            term.threshold_um,
+            MICROMETRE_FRACTION_BITS as i32,
+        )?;
     }
     if let (Some(phi), Some(gamma)) = (phi, gamma) {
         out.pair_shares = row_um("shares of the second-order creep", &shares[n..])?;
@@ -189,7 +253,11 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>, period_s: f6
             *to = number("rate of the second-order creep", value, 32)?;
         }
     }
-    out.at_rest = number("1 / (1 + creep)", 1.0 / (1.0 + creep::static_share(terms, pair)), 28)?;
+    out.at_rest = number(
+        "1 / (1 + creep)",
+        1.0 / (1.0 + creep::static_share(terms, pair)),
+        28,
+    )?;
     Ok(out)
 }
 
@@ -204,7 +272,10 @@ fn pair_over_a_period(pair: &CreepPair, period_s: f64) -> ([[f64; 2]; 2], [f64; 
         d: 0.0,
     };
     let (phi, gamma) = system.held_matrices(period_s);
-    ([[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]], [gamma[0], gamma[1]])
+    (
+        [[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]],
+        [gamma[0], gamma[1]],
+    )
 }
 
 /// A linear actuator of given gain.

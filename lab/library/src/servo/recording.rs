@@ -82,7 +82,9 @@ impl Sums {
         let lines = length / 2 + 1;
         Self {
             transform: RealFftPlanner::<f64>::new().plan_fft_forward(length),
-            hann: (0..length).map(|i| 0.5 - 0.5 * (TAU * i as f64 / length as f64).cos()).collect(),
+            hann: (0..length)
+                .map(|i| 0.5 - 0.5 * (TAU * i as f64 / length as f64).cos())
+                .collect(),
             cross: vec![Complex::new(0.0, 0.0); lines],
             force_power: vec![0.0; lines],
             residual_power: vec![0.0; lines],
@@ -91,17 +93,29 @@ impl Sums {
     }
 
     fn spectrum(&self, signal: &[f64]) -> Vec<Complex<f64>> {
-        let (mut input, mut output) = (self.transform.make_input_vec(), self.transform.make_output_vec());
+        let (mut input, mut output) = (
+            self.transform.make_input_vec(),
+            self.transform.make_output_vec(),
+        );
         let mean = signal.iter().sum::<f64>() / signal.len().max(1) as f64;
-        input.iter_mut().zip(signal.iter().zip(&self.hann)).for_each(|(to, (v, w))| *to = (v - mean) * w);
+        input
+            .iter_mut()
+            .zip(signal.iter().zip(&self.hann))
+            .for_each(|(to, (v, w))| *to = (v - mean) * w);
         // The buffers come from the transform itself, so their lengths fit.
-        self.transform.process(&mut input, &mut output).map(|()| output).unwrap_or_default()
+        self.transform
+            .process(&mut input, &mut output)
+            .map(|()| output)
+            .unwrap_or_default()
     }
 
     fn add(&mut self, force: &[f64], missed: &[f64]) {
         let length = self.hann.len();
         for start in (0..(missed.len() + 1).saturating_sub(length)).step_by((length / 2).max(1)) {
-            let (v, e) = (self.spectrum(&force[start..start + length]), self.spectrum(&missed[start..start + length]));
+            let (v, e) = (
+                self.spectrum(&force[start..start + length]),
+                self.spectrum(&missed[start..start + length]),
+            );
             for (i, (v, e)) in v.iter().zip(&e).enumerate() {
                 self.cross[i] += e * v.conj();
                 self.force_power[i] += v.norm_sqr();
@@ -121,10 +135,17 @@ impl Sums {
     /// Missing response at a line, and what noise could hide of it.
     fn at(&self, line: usize) -> Option<(f64, f64)> {
         let power = *self.force_power.get(line).filter(|power| **power > 0.0)?;
-        let (from, to) = (line.saturating_sub(NEIGHBOURS).max(2), (line + NEIGHBOURS + 1).min(self.cross.len()));
-        let around = self.residual_power[from..to].iter().sum::<f64>() / ((to - from) as f64 * self.windows);
+        let (from, to) = (
+            line.saturating_sub(NEIGHBOURS).max(2),
+            (line + NEIGHBOURS + 1).min(self.cross.len()),
+        );
+        let around =
+            self.residual_power[from..to].iter().sum::<f64>() / ((to - from) as f64 * self.windows);
         let noise = around.max(self.residual_power[line] / self.windows);
-        Some((self.cross[line].norm() / power, 3.0 * (noise / power).sqrt()))
+        Some((
+            self.cross[line].norm() / power,
+            3.0 * (noise / power).sqrt(),
+        ))
     }
 }
 
@@ -134,7 +155,9 @@ impl ServoRecording {
     pub fn of(chain: &Model, dataset: &Dataset, period_s: f64) -> Self {
         let force_chain = {
             let mut to_force = chain.clone();
-            to_force.effects.retain(|e| e.effect.declaration().place <= Place::Hysteresis);
+            to_force
+                .effects
+                .retain(|e| e.effect.declaration().place <= Place::Hysteresis);
             to_force
         };
         let lines = (0.5 / (period_s * LINE_HZ)) as usize + 1;
@@ -176,7 +199,12 @@ impl ServoRecording {
             for (_, name, force, missed) in seen.iter().filter(|(rate, ..)| *rate == rate_hz) {
                 let before = sums.force_power.clone();
                 sums.add(force, missed);
-                let of_record: Vec<f64> = sums.force_power.iter().zip(&before).map(|(after, before)| after - before).collect();
+                let of_record: Vec<f64> = sums
+                    .force_power
+                    .iter()
+                    .zip(&before)
+                    .map(|(after, before)| after - before)
+                    .collect();
                 let strongest = of_record.iter().skip(2).copied().fold(0.0, f64::max);
                 for (most, power) in driven.iter_mut().zip(of_record) {
                     if power > DRIVEN * strongest && power > most.0 {
@@ -185,7 +213,12 @@ impl ServoRecording {
                 }
             }
             let strongest = sums.force_power.iter().skip(2).copied().fold(0.0, f64::max);
-            for (i, hz) in out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / period_s) {
+            for (i, hz) in out
+                .frequency_hz
+                .iter()
+                .enumerate()
+                .filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / period_s)
+            {
                 if let Some((missing, hidden)) = sums.at(i + 2) {
                     if driven[i + 2].0 > 0.0 {
                         out.driven_by[i] = Some(driven[i + 2].1.to_owned());
@@ -193,9 +226,14 @@ impl ServoRecording {
                     let narrow = 1.0 + HANN_LINES * LINE_HZ / (2.0 * LEAST_DAMPING * hz);
                     out.blind[i] = out.blind[i].min(narrow * hidden);
                     out.level[i] = out.level[i].min(narrow * (missing + hidden));
-                    let by_noise = out.noise_um.and_then(|noise_um| sums.hidden_by(noise_um, i + 2));
-                    out.by_noise[i] = out.by_noise[i].min(by_noise.map_or(f64::INFINITY, |by_noise| narrow * by_noise));
-                    if sums.force_power[i + 2] > DRIVEN * strongest && by_noise.is_some_and(|by_noise| by_noise < SHOWN * missing) {
+                    let by_noise = out
+                        .noise_um
+                        .and_then(|noise_um| sums.hidden_by(noise_um, i + 2));
+                    out.by_noise[i] = out.by_noise[i]
+                        .min(by_noise.map_or(f64::INFINITY, |by_noise| narrow * by_noise));
+                    if sums.force_power[i + 2] > DRIVEN * strongest
+                        && by_noise.is_some_and(|by_noise| by_noise < SHOWN * missing)
+                    {
                         out.missing[i] = out.missing[i].max(missing);
                     }
                 }
@@ -229,7 +267,11 @@ impl ServoRecording {
     /// The record that drives a frequency most, if one does.
     #[must_use]
     pub fn driven_by_at(&self, hz: f64) -> Option<&str> {
-        let nearest = self.frequency_hz.iter().zip(&self.driven_by).min_by(|a, b| (a.0 - hz).abs().total_cmp(&(b.0 - hz).abs()))?;
+        let nearest = self
+            .frequency_hz
+            .iter()
+            .zip(&self.driven_by)
+            .min_by(|a, b| (a.0 - hz).abs().total_cmp(&(b.0 - hz).abs()))?;
         nearest.1.as_deref()
     }
 

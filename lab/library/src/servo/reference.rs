@@ -33,8 +33,7 @@ const RANDOM_S: [f64; 2] = [0.25, 20.0];
 const LOWEST_RANDOM_HZ: f64 = 1.0;
 
 /// Names of references, for messages.
-pub const NAMES: &str =
-    "sine:HZ:UM[:OFFSET_UM[:PHASE_DEG]], triangle: with the same numbers, step:UM[:FROM_UM] or random:HZ:UM[:OFFSET_UM[:SEED]]";
+pub const NAMES: &str = "sine:HZ:UM[:OFFSET_UM[:PHASE_DEG]], triangle: with the same numbers, step:UM[:FROM_UM] or random:HZ:UM[:OFFSET_UM[:SEED]]";
 
 /// Longest reference that is given point by point, s.
 const LONGEST_S: f64 = 600.0;
@@ -53,11 +52,20 @@ impl Reference {
         }
         let number = |field: &str| field.parse::<f64>().ok().filter(|v| v.is_finite());
         let numbers: Option<Vec<f64>> = rest.split(':').map(number).collect();
-        let random = |hz, um, offset_um, seed| Self::random(text, period_s, [hz, um, offset_um, seed]);
+        let random =
+            |hz, um, offset_um, seed| Self::random(text, period_s, [hz, um, offset_um, seed]);
         match (kind, numbers.as_deref()) {
-            ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => Err(format!("reference `{text}`: a step of zero moves nothing")),
-            ("step", Some([by_um])) => Ok(Self::Step { from_um: ROOM * by_um.abs() + (-by_um).max(0.0), by_um: *by_um }),
-            ("step", Some([by_um, from_um])) => Ok(Self::Step { from_um: *from_um, by_um: *by_um }),
+            ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => {
+                Err(format!("reference `{text}`: a step of zero moves nothing"))
+            }
+            ("step", Some([by_um])) => Ok(Self::Step {
+                from_um: ROOM * by_um.abs() + (-by_um).max(0.0),
+                by_um: *by_um,
+            }),
+            ("step", Some([by_um, from_um])) => Ok(Self::Step {
+                from_um: *from_um,
+                by_um: *by_um,
+            }),
             ("random", Some([hz, um])) => random(*hz, *um, (1.0 + ROOM) * um, 1.0),
             ("random", Some([hz, um, offset_um])) => random(*hz, *um, *offset_um, 1.0),
             ("random", Some([hz, um, offset_um, seed])) => random(*hz, *um, *offset_um, *seed),
@@ -65,18 +73,33 @@ impl Reference {
         }
     }
 
-    fn random(text: &str, period_s: f64, [highest_hz, peak_um, offset_um, seed]: [f64; 4]) -> Result<Self, String> {
+    fn random(
+        text: &str,
+        period_s: f64,
+        [highest_hz, peak_um, offset_um, seed]: [f64; 4],
+    ) -> Result<Self, String> {
         let fastest_hz = 0.25 / period_s;
         if !(LOWEST_RANDOM_HZ..=fastest_hz).contains(&highest_hz) {
-            return Err(format!("reference `{text}`: the frequency must be at least {LOWEST_RANDOM_HZ} Hz and at most {fastest_hz} Hz"));
+            return Err(format!(
+                "reference `{text}`: the frequency must be at least {LOWEST_RANDOM_HZ} Hz and at most {fastest_hz} Hz"
+            ));
         }
         if peak_um < 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&seed) {
-            return Err(format!("reference `{text}`: neither amplitude nor seed may be negative"));
+            return Err(format!(
+                "reference `{text}`: neither amplitude nor seed may be negative"
+            ));
         }
         let lasts_s = (RANDOM_LINES / highest_hz).clamp(RANDOM_S[0], RANDOM_S[1]);
         let lines: Vec<usize> = (1..=(lasts_s * highest_hz) as usize).collect();
         let ticks = (lasts_s / period_s).round() as usize;
-        Ok(Self::Points(waveform::multisine(ticks, &lines, peak_um, offset_um, 1, seed as u64)))
+        Ok(Self::Points(waveform::multisine(
+            ticks,
+            &lines,
+            peak_um,
+            offset_um,
+            1,
+            seed as u64,
+        )))
     }
 
     /// A reference through points at these times, s, in straight lines between them, for a loop with this
@@ -86,22 +109,32 @@ impl Reference {
     /// Fewer than two points, times that do not go forward, something that is no number, or more than ten
     /// minutes.
     pub fn through(time_s: &[f64], reference_um: &[f64], period_s: f64) -> Result<Self, String> {
-        let (Some(begin_s), Some(end_s)) = (time_s.first(), time_s.last().filter(|_| time_s.len() > 1)) else {
+        let (Some(begin_s), Some(end_s)) =
+            (time_s.first(), time_s.last().filter(|_| time_s.len() > 1))
+        else {
             return Err("one point is no reference; expected two or more".into());
         };
-        if let Some(row) = time_s.windows(2).position(|w| w[1] <= w[0] || !w.iter().all(|t| t.is_finite())) {
+        if let Some(row) = time_s
+            .windows(2)
+            .position(|w| w[1] <= w[0] || !w.iter().all(|t| t.is_finite()))
+        {
             return Err(format!("time does not go forward behind point {}", row + 1));
         }
         if let Some(row) = reference_um.iter().position(|r| !r.is_finite()) {
             return Err(format!("point {} is no number", row + 1));
         }
         if end_s - begin_s > LONGEST_S {
-            return Err(format!("the reference lasts {:.0} s; expected at most {LONGEST_S:.0} s", end_s - begin_s));
+            return Err(format!(
+                "the reference lasts {:.0} s; expected at most {LONGEST_S:.0} s",
+                end_s - begin_s
+            ));
         }
         let ticks = ((end_s - begin_s) / period_s * (1.0 + 1e-12)) as usize;
         let at = |tick: usize| {
             let t_s = begin_s + tick as f64 * period_s;
-            let after = time_s.partition_point(|t| *t <= t_s).clamp(1, time_s.len() - 1);
+            let after = time_s
+                .partition_point(|t| *t <= t_s)
+                .clamp(1, time_s.len() - 1);
             let (from_s, to_s) = (time_s[after - 1], time_s[after]);
             let share = ((t_s - from_s) / (to_s - from_s)).min(1.0);
             reference_um[after - 1] + share * (reference_um[after] - reference_um[after - 1])
@@ -114,10 +147,13 @@ impl Reference {
     #[must_use]
     pub fn samples_um(&self, design: &ServoDesign) -> (Vec<f64>, usize) {
         match self {
-            Self::Periodic(periodic) => periodic.samples_um(lead_s(design, periodic.frequency_hz), design.period_s()),
+            Self::Periodic(periodic) => {
+                periodic.samples_um(lead_s(design, periodic.frequency_hz), design.period_s())
+            }
             Self::Step { from_um, by_um } => {
                 let sample_rate_hz = 1.0 / design.period_s();
-                let mut samples_um = waveform::hold(sample_rate_hz, *from_um, lead_s(design, f64::INFINITY));
+                let mut samples_um =
+                    waveform::hold(sample_rate_hz, *from_um, lead_s(design, f64::INFINITY));
                 let from = samples_um.len();
                 samples_um.extend(waveform::hold(sample_rate_hz, from_um + by_um, STEP_S));
                 waveform::grow_from_zero(&mut samples_um, sample_rate_hz);
@@ -126,7 +162,8 @@ impl Reference {
             Self::Points(points_um) => {
                 let sample_rate_hz = 1.0 / design.period_s();
                 // What does not repeat is not learned.
-                let mut samples_um = waveform::hold(sample_rate_hz, points_um[0], lead_s(design, f64::INFINITY));
+                let mut samples_um =
+                    waveform::hold(sample_rate_hz, points_um[0], lead_s(design, f64::INFINITY));
                 let from = samples_um.len();
                 samples_um.extend(points_um);
                 waveform::grow_from_zero(&mut samples_um, sample_rate_hz);
@@ -153,28 +190,61 @@ mod tests {
 
     #[test]
     fn points_are_followed_in_straight_lines_at_every_tick() {
-        let Reference::Points(points) = Reference::through(&[1.0, 1.001, 1.003], &[2.0, 3.0, 1.0], SAMPLING_PERIOD_S).unwrap() else {
+        let Reference::Points(points) =
+            Reference::through(&[1.0, 1.001, 1.003], &[2.0, 3.0, 1.0], SAMPLING_PERIOD_S).unwrap()
+        else {
             panic!("points")
         };
         assert_eq!(points.len(), 61);
         for (tick, expected) in [(0, 2.0), (10, 2.5), (20, 3.0), (40, 2.0), (60, 1.0)] {
-            assert!((points[tick] - expected).abs() < 1e-9, "{tick}: {}", points[tick]);
+            assert!(
+                (points[tick] - expected).abs() < 1e-9,
+                "{tick}: {}",
+                points[tick]
+            );
         }
     }
 
     #[test]
     fn a_step_jumps_when_the_error_counts_and_a_random_reference_keeps_its_band() {
-        let Reference::Step { from_um, by_um } = Reference::named("step:-2", SAMPLING_PERIOD_S).unwrap() else { panic!("a step") };
-        assert!((from_um - 2.24).abs() < 1e-12 && by_um == -2.0, "{from_um} {by_um}");
-        assert_eq!(Reference::named("step:2:1", SAMPLING_PERIOD_S), Ok(Reference::Step { from_um: 1.0, by_um: 2.0 }));
-        let Reference::Points(points) = Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S).unwrap() else { panic!("points") };
+        let Reference::Step { from_um, by_um } =
+            Reference::named("step:-2", SAMPLING_PERIOD_S).unwrap()
+        else {
+            panic!("a step")
+        };
+        assert!(
+            (from_um - 2.24).abs() < 1e-12 && by_um == -2.0,
+            "{from_um} {by_um}"
+        );
+        assert_eq!(
+            Reference::named("step:2:1", SAMPLING_PERIOD_S),
+            Ok(Reference::Step {
+                from_um: 1.0,
+                by_um: 2.0
+            })
+        );
+        let Reference::Points(points) =
+            Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S).unwrap()
+        else {
+            panic!("points")
+        };
         let (low, high) = crate::statistics::extremes(&points);
-        assert!((low - 3.0).abs() < 1e-9 || (high - 7.0).abs() < 1e-9, "{low} {high}");
+        assert!(
+            (low - 3.0).abs() < 1e-9 || (high - 7.0).abs() < 1e-9,
+            "{low} {high}"
+        );
         assert!(low > 3.0 - 1e-9 && high < 7.0 + 1e-9, "{low} {high}");
         // Nothing changes faster than all lines at the highest frequency would.
-        let fastest = points.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / SAMPLING_PERIOD_S;
+        let fastest = points
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .fold(0.0, f64::max)
+            / SAMPLING_PERIOD_S;
         assert!(fastest < std::f64::consts::TAU * 100.0 * 2.0, "{fastest}");
-        assert_ne!(Reference::named("random:100:2:5:4", SAMPLING_PERIOD_S), Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S));
+        assert_ne!(
+            Reference::named("random:100:2:5:4", SAMPLING_PERIOD_S),
+            Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S)
+        );
         for (text, expected) in [
             ("step:0", "of zero"),
             ("step", "expected sine"),
@@ -196,7 +266,8 @@ mod tests {
             (vec![0.0, 1.0], vec![1.0, f64::NAN], "point 2 is no number"),
             (vec![0.0, 1e4], vec![1.0; 2], "at most 600 s"),
         ] {
-            let refused = Reference::through(&time_s, &reference_um, SAMPLING_PERIOD_S).unwrap_err();
+            let refused =
+                Reference::through(&time_s, &reference_um, SAMPLING_PERIOD_S).unwrap_err();
             assert!(refused.contains(expected), "{refused}");
         }
     }

@@ -31,14 +31,26 @@ pub fn law(gains: &PidGains, notch: Option<&Notch>) -> PredictorDesign {
     a[(integral, integral)] = 1.0;
     l[integral] = gains.i * t;
     k[output] = 1.0;
-    PredictorDesign { a, b: DVector::zeros(STATES), c: DVector::zeros(STATES), l, k, feedforward: Vec::new(), period_s: t }
+    PredictorDesign {
+        a,
+        b: DVector::zeros(STATES),
+        c: DVector::zeros(STATES),
+        l,
+        k,
+        feedforward: Vec::new(),
+        period_s: t,
+    }
 }
 
 /// A notch at the most lightly damped mode of a model, its poles critically damped.
 #[must_use]
 pub fn notch_for(linear: &LinearModel) -> Notch {
     let mode = linear.second_mode.map_or(linear.first_mode, |(_, second)| {
-        if second.damping_ratio < linear.first_mode.damping_ratio { second } else { linear.first_mode }
+        if second.damping_ratio < linear.first_mode.damping_ratio {
+            second
+        } else {
+            linear.first_mode
+        }
     });
     Notch {
         frequency_hz: mode.natural_frequency_rad_s / std::f64::consts::TAU,
@@ -50,11 +62,19 @@ pub fn notch_for(linear: &LinearModel) -> Notch {
 /// The PI with the smallest expected error of those that keep the margins; its output is um of
 /// force-equivalent displacement.
 #[must_use]
-pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> Option<(PidGains, TuningJudgement)> {
+pub fn tune(
+    linear: &LinearModel,
+    demands: &Demands,
+    notch: Option<&Notch>,
+) -> Option<(PidGains, TuningJudgement)> {
     let mut candidates = Vec::new();
     for step in 0..24 {
         for p in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4] {
-            candidates.push(PidGains { p, i: 50.0 * 1.25_f64.powi(step), d: 0.0 });
+            candidates.push(PidGains {
+                p,
+                i: 50.0 * 1.25_f64.powi(step),
+                d: 0.0,
+            });
         }
     }
     best_of(candidates, |gains| law(gains, notch), linear, demands)
@@ -79,7 +99,11 @@ impl Family for Regulators {
         for step in 0..32 {
             for p in [0.01, 0.1, 0.3, 0.6, 1.0] {
                 for d in [0.0, 1e-5, 1e-4] {
-                    out.push(PidGains { p, i: 1.5 * 1.3_f64.powi(step), d });
+                    out.push(PidGains {
+                        p,
+                        i: 1.5 * 1.3_f64.powi(step),
+                        d,
+                    });
                 }
             }
         }
@@ -109,18 +133,31 @@ mod tests {
     /// The law is the difference equation of the regulator with its notch, written the other way.
     #[test]
     fn the_law_is_the_regulator() {
-        let gains = PidGains { p: 0.3, i: 900.0, d: 2e-5 };
-        let notch = Notch { frequency_hz: 3000.0, zero_damping_ratio: 0.05, pole_damping_ratio: 0.8 };
+        let gains = PidGains {
+            p: 0.3,
+            i: 900.0,
+            d: 2e-5,
+        };
+        let notch = Notch {
+            frequency_hz: 3000.0,
+            zero_damping_ratio: 0.05,
+            pole_damping_ratio: 0.8,
+        };
         let design = law(&gains, Some(&notch));
         let n = notch.coefficients();
-        let (mut z, mut integral, mut last, mut memory) = (DVector::zeros(STATES), 0.0, 0.0, [0.0; 4]);
+        let (mut z, mut integral, mut last, mut memory) =
+            (DVector::zeros(STATES), 0.0, 0.0, [0.0; 4]);
         for tick in 0..200 {
             let e = (f64::from(tick) * 0.13).sin();
             z = &design.a * &z + &design.l * e;
             integral += gains.i * SAMPLING_PERIOD_S * e;
             let r = gains.p * e + gains.d / SAMPLING_PERIOD_S * (e - last) + integral;
             last = e;
-            let y = n[0] * r + n[1] * memory[0] + n[2] * memory[1] + n[3] * memory[2] + n[4] * memory[3];
+            let y = n[0] * r
+                + n[1] * memory[0]
+                + n[2] * memory[1]
+                + n[3] * memory[2]
+                + n[4] * memory[3];
             memory = [r, memory[0], y, memory[2]];
             assert!((design.k.dot(&z) - y).abs() < 1e-12, "{tick}");
         }
@@ -129,13 +166,19 @@ mod tests {
     #[test]
     fn a_notch_lets_the_integral_gain_rise() {
         let linear = LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: 3000.0, damping_ratio: 0.02 },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 3000.0,
+                damping_ratio: 0.02,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
             period_s: 5e-5,
         };
-        let demands = Demands { sensitivity_peak: 4.0, ..Demands::default() };
+        let demands = Demands {
+            sensitivity_peak: 4.0,
+            ..Demands::default()
+        };
         let without = tune(&linear, &demands, None).unwrap().0;
         let with = tune(&linear, &demands, Some(&notch_for(&linear))).map_or(0.0, |t| t.0.i);
         assert!(with > without.i, "{with} {}", without.i);

@@ -29,7 +29,9 @@ use super::loop_margins::phase_margin_deg;
 use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::MovingMode;
 use super::plant_set::PlantVariation;
-use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
+use super::predictor::{
+    Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response,
+};
 use super::recording::ServoRecording;
 use crate::parallel;
 use nalgebra::{Complex, SMatrix, SVector};
@@ -328,14 +330,18 @@ impl<T> Scan<T> {
     #[must_use]
     pub fn chosen(&self, usual_margins: bool) -> Option<&Candidate<T>> {
         let best = self.best()?;
-        let usual = self.best_with_usual_margins().filter(|usual| usual_margins && usual.cost_um() < COST_OF_USUAL * best.cost_um());
+        let usual = self
+            .best_with_usual_margins()
+            .filter(|usual| usual_margins && usual.cost_um() < COST_OF_USUAL * best.cost_um());
         Some(usual.unwrap_or(best))
     }
 
     /// The best of those that only the tick's integers keep from being taken.
     #[must_use]
     pub fn best_in_other_integers(&self) -> Option<&Candidate<T>> {
-        self.candidates.iter().find(|c| c.broken == Some(Broken::Integers))
+        self.candidates
+            .iter()
+            .find(|c| c.broken == Some(Broken::Integers))
     }
 
     /// The best of those that break at most the condition on what the recording does not exclude.
@@ -354,7 +360,9 @@ pub fn frequency_grid_hz(linear: &LinearModel) -> Vec<f64> {
     grid.extend((0..24).map(|i| 0.5 * 1.2_f64.powi(i)));
     for mode in std::iter::once(linear.first_mode).chain(linear.second_mode.map(|(_, m)| m)) {
         let hz = mode.natural_frequency_rad_s / TAU;
-        grid.extend((-12..=12).map(|i| hz * (1.0 + 0.5 * mode.damping_ratio.min(0.1) * f64::from(i))));
+        grid.extend(
+            (-12..=12).map(|i| hz * (1.0 + 0.5 * mode.damping_ratio.min(0.1) * f64::from(i))),
+        );
     }
     grid.retain(|hz| *hz > 0.0 && *hz < highest);
     grid.sort_by(f64::total_cmp);
@@ -389,13 +397,19 @@ impl LawMatrices {
 
     fn response(&self, hz: f64) -> Complex<f64> {
         let z = Complex::from_polar(1.0, TAU * hz * self.period_s);
-        let matrix =
-            SMatrix::<Complex<f64>, STATES, STATES>::from_fn(
-                |i, j| {
-                    if i == j { z - self.a[(i, j)] } else { Complex::new(-self.a[(i, j)], 0.0) }
-                },
-            );
-        matrix.lu().solve(&self.l).map_or(Complex::new(f64::NAN, f64::NAN), |x| self.k.iter().zip(x.iter()).map(|(k, x)| k * x).sum())
+        let matrix = SMatrix::<Complex<f64>, STATES, STATES>::from_fn(|i, j| {
+            if i == j {
+                z - self.a[(i, j)]
+            } else {
+                Complex::new(-self.a[(i, j)], 0.0)
+            }
+        });
+        matrix
+            .lu()
+            .solve(&self.l)
+            .map_or(Complex::new(f64::NAN, f64::NAN), |x| {
+                self.k.iter().zip(x.iter()).map(|(k, x)| k * x).sum()
+            })
     }
 }
 
@@ -414,7 +428,11 @@ struct Conditions {
 /// um/um. Below that nothing resonates; there the model's own error counts.
 #[must_use]
 pub fn most_reckoned_with(first_hz: f64, hz: f64) -> f64 {
-    if hz < 0.9 * first_hz { 0.2 } else { UNKNOWN_MODE_PEAK }
+    if hz < 0.9 * first_hz {
+        0.2
+    } else {
+        UNKNOWN_MODE_PEAK
+    }
 }
 
 impl Task<'_> {
@@ -424,7 +442,10 @@ impl Task<'_> {
         let first_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
         let most = most_reckoned_with(first_hz, hz);
         let assumed = if hz < 0.9 * first_hz { 0.0 } else { most };
-        let level = self.recording.and_then(|r| r.level_at(hz)).map_or(assumed, |level| level.min(most));
+        let level = self
+            .recording
+            .and_then(|r| r.level_at(hz))
+            .map_or(assumed, |level| level.min(most));
         GAIN_SPREAD * level
     }
 
@@ -435,38 +456,109 @@ impl Task<'_> {
     /// With all plants at this gain over the one that the law inverts.
     fn conditions_at(&self, gain_ratio: f64) -> Conditions {
         let grid_hz = frequency_grid_hz(&self.linear);
-        let nominal = PlantVariation { gain: gain_ratio, delay_s: self.delay_s, ..PlantVariation::NONE }.sampled(&self.linear);
+        let nominal = PlantVariation {
+            gain: gain_ratio,
+            delay_s: self.delay_s,
+            ..PlantVariation::NONE
+        }
+        .sampled(&self.linear);
         let moved = |mode: ModeModel, frequency: f64, damping: f64| ModeModel {
             natural_frequency_rad_s: mode.natural_frequency_rad_s * frequency,
             damping_ratio: mode.damping_ratio * damping,
         };
         let mut members = vec![("nominal", nominal.clone())];
         let mut add = |name, variation: PlantVariation, linear: &LinearModel| {
-            let late = PlantVariation { gain: variation.gain * gain_ratio, delay_s: variation.delay_s + self.delay_s, ..variation };
+            let late = PlantVariation {
+                gain: variation.gain * gain_ratio,
+                delay_s: variation.delay_s + self.delay_s,
+                ..variation
+            };
             members.push((name, late.sampled(linear)));
         };
-        add("half the gain", PlantVariation { gain: 0.5, ..PlantVariation::NONE }, &self.linear);
-        add("one and a half times the gain", PlantVariation { gain: 1.5, ..PlantVariation::NONE }, &self.linear);
-        add("a period more of delay", PlantVariation { delay_s: self.linear.period_s, ..PlantVariation::NONE }, &self.linear);
-        add("twice the mass", PlantVariation { mass_ratio: 2.0, ..PlantVariation::NONE }, &self.linear);
-        add("1.4 times the mass", PlantVariation { mass_ratio: 1.4, ..PlantVariation::NONE }, &self.linear);
+        add(
+            "half the gain",
+            PlantVariation {
+                gain: 0.5,
+                ..PlantVariation::NONE
+            },
+            &self.linear,
+        );
+        add(
+            "one and a half times the gain",
+            PlantVariation {
+                gain: 1.5,
+                ..PlantVariation::NONE
+            },
+            &self.linear,
+        );
+        add(
+            "a period more of delay",
+            PlantVariation {
+                delay_s: self.linear.period_s,
+                ..PlantVariation::NONE
+            },
+            &self.linear,
+        );
+        add(
+            "twice the mass",
+            PlantVariation {
+                mass_ratio: 2.0,
+                ..PlantVariation::NONE
+            },
+            &self.linear,
+        );
+        add(
+            "1.4 times the mass",
+            PlantVariation {
+                mass_ratio: 1.4,
+                ..PlantVariation::NONE
+            },
+            &self.linear,
+        );
         for up in [-1.0, 1.0] {
             for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD] {
                 let spread = self.first;
-                let first_mode = moved(self.linear.first_mode, 1.0 + up * spread.frequency, 1.0 - spread.damping);
-                add("the first mode moved", PlantVariation { gain, ..PlantVariation::NONE }, &LinearModel { first_mode, ..self.linear });
-                if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second) {
-                    let second_mode = Some((share, moved(mode, 1.0 + up * spread.frequency, 1.0 - spread.damping)));
+                let first_mode = moved(
+                    self.linear.first_mode,
+                    1.0 + up * spread.frequency,
+                    1.0 - spread.damping,
+                );
+                add(
+                    "the first mode moved",
+                    PlantVariation {
+                        gain,
+                        ..PlantVariation::NONE
+                    },
+                    &LinearModel {
+                        first_mode,
+                        ..self.linear
+                    },
+                );
+                if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second)
+                {
+                    let second_mode = Some((
+                        share,
+                        moved(mode, 1.0 + up * spread.frequency, 1.0 - spread.damping),
+                    ));
                     add(
                         "the second mode moved",
-                        PlantVariation { gain, ..PlantVariation::NONE },
-                        &LinearModel { second_mode, ..self.linear },
+                        PlantVariation {
+                            gain,
+                            ..PlantVariation::NONE
+                        },
+                        &LinearModel {
+                            second_mode,
+                            ..self.linear
+                        },
                     );
                 }
             }
         }
         Conditions {
-            plant: grid_hz.iter().map(|hz| frequency_response(&nominal, TAU * hz)).collect(),
+            plant: grid_hz
+                .iter()
+                .map(|hz| frequency_response(&nominal, TAU * hz))
+                .collect(),
             unknown: grid_hz.iter().map(|hz| self.unknown_at(*hz)).collect(),
             grid_hz,
             moving: (self.mode_moves > 0.0).then(|| {
@@ -490,7 +582,10 @@ impl Task<'_> {
     #[must_use]
     pub fn judge_law(&self, law: &PredictorDesign, gain_ratio: f64) -> (Candidate<()>, usize) {
         let conditions = self.conditions_at(gain_ratio);
-        (judge(&Fixed(law), &(), &conditions), conditions.members.len())
+        (
+            judge(&Fixed(law), &(), &conditions),
+            conditions.members.len(),
+        )
     }
 
     /// Judges the predictors of a grid, and those between its points that are better than the best of them.
@@ -506,8 +601,17 @@ impl Task<'_> {
         let mut candidates = grid(family, &conditions);
         // The best that holds, the one that a better recording would allow, and the one with the usual
         // margins.
-        let usual = self.demands.usual_margins.then_some(holds_with_usual_margins as fn(&Candidate<F::Tuning>) -> bool);
-        for good in [holds as fn(&Candidate<F::Tuning>) -> bool, holds_if_recorded].into_iter().chain(usual) {
+        let usual = self
+            .demands
+            .usual_margins
+            .then_some(holds_with_usual_margins as fn(&Candidate<F::Tuning>) -> bool);
+        for good in [
+            holds as fn(&Candidate<F::Tuning>) -> bool,
+            holds_if_recorded,
+        ]
+        .into_iter()
+        .chain(usual)
+        {
             if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
                 candidates.extend(refined(family, best, good, &conditions));
                 candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
@@ -519,13 +623,16 @@ impl Task<'_> {
     /// The grid of the predictors alone.
     #[must_use]
     pub fn coarse_scan(&self) -> Scan {
-        Scan { candidates: grid(&Predictors(&self.linear), &self.conditions()) }
+        Scan {
+            candidates: grid(&Predictors(&self.linear), &self.conditions()),
+        }
     }
 
     /// A candidate as the file of a design keeps it.
     #[must_use]
     pub fn assessment(&self, candidate: &Candidate) -> Assessment {
-        let Assessment { margins, .. } = super::predictor::assess(&self.linear, &candidate.tuning, &self.demands);
+        let Assessment { margins, .. } =
+            super::predictor::assess(&self.linear, &candidate.tuning, &self.demands);
         Assessment {
             tuning: candidate.tuning,
             noise_um: candidate.noise_um,
@@ -565,9 +672,14 @@ fn refined<F: Family>(
             }
         }
         let judged = parallel::map(&near, |tuning| judge(family, tuning, conditions));
-        let better: Vec<Candidate<F::Tuning>> =
-            judged.into_iter().filter(|c| good(c) && c.cost_um() < LEAST_GAIN * here.cost_um()).collect();
-        match better.iter().min_by(|x, y| x.cost_um().total_cmp(&y.cost_um())) {
+        let better: Vec<Candidate<F::Tuning>> = judged
+            .into_iter()
+            .filter(|c| good(c) && c.cost_um() < LEAST_GAIN * here.cost_um())
+            .collect();
+        match better
+            .iter()
+            .min_by(|x, y| x.cost_um().total_cmp(&y.cost_um()))
+        {
             Some(best) => here = best.clone(),
             None if factor < LAST_STEP => break,
             None => factor = factor.sqrt(),
@@ -577,7 +689,11 @@ fn refined<F: Family>(
     found
 }
 
-fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> Candidate<F::Tuning> {
+fn judge<F: Family>(
+    family: &F,
+    tuning: &F::Tuning,
+    conditions: &Conditions,
+) -> Candidate<F::Tuning> {
     let mut out = Candidate {
         tuning: tuning.clone(),
         noise_um: f64::INFINITY,
@@ -633,7 +749,10 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
             .map(|(harmonic, share)| {
                 let hz = reference_hz * harmonic;
                 let p = frequency_response(&conditions.nominal, TAU * hz);
-                ((p / (one + p * law.response(hz))).norm() * share * conditions.demands.model_error_um).powi(2)
+                ((p / (one + p * law.response(hz))).norm()
+                    * share
+                    * conditions.demands.model_error_um)
+                    .powi(2)
             })
             .sum();
         power.sqrt()
@@ -647,9 +766,16 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
         out.reference_deviation = moving.deviation(|hz| law.response(hz));
     }
     let swings = || {
-        let swings_on =
-            |plant: &SampledModel| LIMIT_SHARES.iter().any(|share| design.at_a_limit(*share).spectral_radius(plant, 1.0, 0) >= 1.0);
-        conditions.members.iter().find(|(_, plant)| swings_on(plant)).map(|(name, _)| *name)
+        let swings_on = |plant: &SampledModel| {
+            LIMIT_SHARES
+                .iter()
+                .any(|share| design.at_a_limit(*share).spectral_radius(plant, 1.0, 0) >= 1.0)
+        };
+        conditions
+            .members
+            .iter()
+            .find(|(_, plant)| swings_on(plant))
+            .map(|(name, _)| *name)
     };
     out.fits = family.fits(tuning, &design);
     out.broken = if peak.is_nan() || peak > conditions.demands.sensitivity_peak {
@@ -690,8 +816,17 @@ mod tests {
 
     fn linear(lags: bool) -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: TAU * 900.0, damping_ratio: 0.3 },
-            second_mode: Some((0.03, ModeModel { natural_frequency_rad_s: TAU * 4300.0, damping_ratio: 0.02 })),
+            first_mode: ModeModel {
+                natural_frequency_rad_s: TAU * 900.0,
+                damping_ratio: 0.3,
+            },
+            second_mode: Some((
+                0.03,
+                ModeModel {
+                    natural_frequency_rad_s: TAU * 4300.0,
+                    damping_ratio: 0.02,
+                },
+            )),
             amplifier_bandwidth_hz: lags.then_some(5000.0),
             sensor_bandwidth_hz: lags.then_some(9000.0),
             period_s: 5e-5,
@@ -700,17 +835,38 @@ mod tests {
 
     #[test]
     fn noise_near_half_the_sampling_rate_quietens_the_law_there_and_takes_a_free_state() {
-        let quiet = PredictorTuning { fast_noise_um: 0.01, ..PredictorTuning::START };
-        let at = |lags: bool, tuning: &PredictorTuning, hz: f64| law_response(&PredictorDesign::new(&linear(lags), tuning), hz).norm();
+        let quiet = PredictorTuning {
+            fast_noise_um: 0.01,
+            ..PredictorTuning::START
+        };
+        let at = |lags: bool, tuning: &PredictorTuning, hz: f64| {
+            law_response(&PredictorDesign::new(&linear(lags), tuning), hz).norm()
+        };
         for hz in [9_000.0, 9_900.0] {
-            let (with, without) = (at(false, &quiet, hz), at(false, &PredictorTuning::START, hz));
+            let (with, without) = (
+                at(false, &quiet, hz),
+                at(false, &PredictorTuning::START, hz),
+            );
             assert!(with < 0.5 * without, "{hz} Hz: {with} {without}");
         }
-        let (with, without) = (at(false, &quiet, 100.0), at(false, &PredictorTuning::START, 100.0));
-        assert!(with > 0.5 * without, "what is slow is followed: {with} {without}");
-        assert!(PredictorDesign::new(&linear(false), &quiet).quantised().is_ok());
+        let (with, without) = (
+            at(false, &quiet, 100.0),
+            at(false, &PredictorTuning::START, 100.0),
+        );
+        assert!(
+            with > 0.5 * without,
+            "what is slow is followed: {with} {without}"
+        );
+        assert!(
+            PredictorDesign::new(&linear(false), &quiet)
+                .quantised()
+                .is_ok()
+        );
         // Two modes and two lags: all states are taken.
-        let (full, plain) = (PredictorDesign::new(&linear(true), &quiet), PredictorDesign::new(&linear(true), &PredictorTuning::START));
+        let (full, plain) = (
+            PredictorDesign::new(&linear(true), &quiet),
+            PredictorDesign::new(&linear(true), &PredictorTuning::START),
+        );
         assert_eq!((full.l, full.a), (plain.l, plain.a));
     }
 
@@ -727,9 +883,16 @@ mod tests {
             .collect();
         // -180 degrees at w = pi / (3 T).
         let expected = PI / (3.0 * SAMPLING_PERIOD_S) / gain;
-        assert!((gain_margin(&open) / expected - 1.0).abs() < 1e-3, "{} {expected}", gain_margin(&open));
+        assert!(
+            (gain_margin(&open) / expected - 1.0).abs() < 1e-3,
+            "{} {expected}",
+            gain_margin(&open)
+        );
         let phase = phase_margin_deg(&open).unwrap();
-        assert!((phase - (90.0 - (1.5 * gain * SAMPLING_PERIOD_S).to_degrees())).abs() < 0.1, "{phase}");
+        assert!(
+            (phase - (90.0 - (1.5 * gain * SAMPLING_PERIOD_S).to_degrees())).abs() < 0.1,
+            "{phase}"
+        );
     }
 
     #[test]
@@ -748,18 +911,40 @@ mod tests {
             phase_margin_deg: 40.0,
         };
         let taken = |usual_um: f64, wanted: bool| {
-            let scan = Scan { candidates: vec![candidate(0.006, 2.4), candidate(usual_um, 1.7)] };
+            let scan = Scan {
+                candidates: vec![candidate(0.006, 2.4), candidate(usual_um, 1.7)],
+            };
             scan.chosen(wanted).unwrap().sensitivity_peak
         };
-        assert_eq!([taken(0.0079, true), taken(0.0081, true), taken(0.0079, false)], [1.7, 2.4, 2.4]);
-        let small = Candidate { gain_margin: 2.4, ..candidate(0.006, 1.7) };
-        assert!(!small.keeps_usual_margins() && !Candidate { phase_margin_deg: 34.0, ..candidate(0.006, 1.7) }.keeps_usual_margins());
+        assert_eq!(
+            [
+                taken(0.0079, true),
+                taken(0.0081, true),
+                taken(0.0079, false)
+            ],
+            [1.7, 2.4, 2.4]
+        );
+        let small = Candidate {
+            gain_margin: 2.4,
+            ..candidate(0.006, 1.7)
+        };
+        assert!(
+            !small.keeps_usual_margins()
+                && !Candidate {
+                    phase_margin_deg: 34.0,
+                    ..candidate(0.006, 1.7)
+                }
+                .keeps_usual_margins()
+        );
     }
 
     #[test]
     #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
     fn a_refined_tuning_is_better_than_every_point_of_the_scan_and_as_stable() {
-        let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+        let spread = ModeSpread {
+            frequency: 0.02,
+            damping: 0.2,
+        };
         let task = Task {
             linear: linear(false),
             first: spread,
@@ -773,12 +958,20 @@ mod tests {
         let best = scan.best().expect("some hold");
         let coarse = task.coarse_scan();
         let scanned = coarse.best().expect("some hold");
-        assert!(best.expected_um() < 0.98 * scanned.expected_um(), "{} {}", best.expected_um(), scanned.expected_um());
+        assert!(
+            best.expected_um() < 0.98 * scanned.expected_um(),
+            "{} {}",
+            best.expected_um(),
+            scanned.expected_um()
+        );
         // By the eigenvalues of the loop itself, beside how the candidates are judged.
         let law = PredictorDesign::new(&task.linear, &best.tuning);
         let plant = task.linear.sampled();
         for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
-            assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{gain} {extra_delay}");
+            assert!(
+                law.spectral_radius(&plant, gain, extra_delay) < 1.0,
+                "{gain} {extra_delay}"
+            );
         }
         // And by the small gain of a mode that nothing excludes: at every frequency from the first mode to
         // half the sampling rate.
@@ -786,7 +979,10 @@ mod tests {
             let p = frequency_response(&plant, TAU * hz);
             let k = law_response(&law, hz);
             let answer = (k / (Complex::new(1.0, 0.0) + p * k)).norm();
-            assert!(answer * GAIN_SPREAD * UNKNOWN_MODE_PEAK < 1.05, "{hz} Hz: {answer}");
+            assert!(
+                answer * GAIN_SPREAD * UNKNOWN_MODE_PEAK < 1.05,
+                "{hz} Hz: {answer}"
+            );
         }
     }
 }

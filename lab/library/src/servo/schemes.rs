@@ -32,7 +32,13 @@ pub enum SchemeChoice {
 
 impl SchemeChoice {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Predictor, Self::Pidsmoc, Self::PidsmcAlphaBeta, Self::Smcbl, Self::Pid];
+    pub const ALL: [Self; 5] = [
+        Self::Predictor,
+        Self::Pidsmoc,
+        Self::PidsmcAlphaBeta,
+        Self::Smcbl,
+        Self::Pid,
+    ];
 
     /// Its name on the command line.
     #[must_use]
@@ -52,7 +58,12 @@ impl SchemeChoice {
     /// The names that there are.
     pub fn named(name: &str) -> Result<Self, String> {
         let known = Self::ALL.into_iter().find(|choice| choice.name() == name);
-        known.ok_or_else(|| format!("scheme `{name}` is not known; expected one of {}", Self::ALL.map(Self::name).join(", ")))
+        known.ok_or_else(|| {
+            format!(
+                "scheme `{name}` is not known; expected one of {}",
+                Self::ALL.map(Self::name).join(", ")
+            )
+        })
     }
 }
 
@@ -67,7 +78,9 @@ pub fn left_without_inverse_um(model: &ActuatorModel) -> (f64, f64) {
     let falling = shares().map(|x| travel_um * (1.0 - x) - surfaces.loop_loss(1.0, x));
     let deviations: Vec<f64> = rising.chain(falling).collect();
     let mean = deviations.iter().sum::<f64>() / deviations.len() as f64;
-    let rms = (deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / deviations.len() as f64).sqrt();
+    let rms = (deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>()
+        / deviations.len() as f64)
+        .sqrt();
     (rms, deviations.iter().map(|d| d.abs()).fold(0.0, f64::max))
 }
 
@@ -77,7 +90,11 @@ const LARGEST_OVER_RMS: f64 = 3.0;
 /// Bound of the unknown input, V (Ch. 6, Eq. 13): the hysteresis that is not inverted, or the error of its
 /// model, and the creep.
 fn unknown_bound_v(model: &ActuatorModel, inverse: bool, demands: &Demands) -> f64 {
-    let of_hysteresis_um = if inverse { LARGEST_OVER_RMS * demands.model_error_um } else { left_without_inverse_um(model).1 };
+    let of_hysteresis_um = if inverse {
+        LARGEST_OVER_RMS * demands.model_error_um
+    } else {
+        left_without_inverse_um(model).1
+    };
     let creep: f64 = model.creep.iter().map(|term| term.share.abs()).sum();
     (of_hysteresis_um + creep * model.reach_um()) / model.mean_gain_um_v()
 }
@@ -114,12 +131,26 @@ pub(super) fn choose(
         SchemeChoice::Pid => {
             let (chosen, mut said) = scanned(&Regulators, task, words)?;
             let gains = chosen.tuning;
-            said.push(format!("P = {:.3}, I = {:.1} 1/s, D = {:.2e} s, in um of displacement per um of error.", gains.p, gains.i, gains.d));
+            said.push(format!(
+                "P = {:.3}, I = {:.1} 1/s, D = {:.2e} s, in um of displacement per um of error.",
+                gains.p, gains.i, gains.d
+            ));
             let scheme = if inverse {
-                Scheme::Feedforward { gains, notch: None, creep_inverse: true }
+                Scheme::Feedforward {
+                    gains,
+                    notch: None,
+                    creep_inverse: true,
+                }
             } else {
                 let per_um = 1.0 / model.mean_gain_um_v();
-                Scheme::Pid { gains: PidGains { p: per_um * gains.p, i: per_um * gains.i, d: per_um * gains.d }, notch: None }
+                Scheme::Pid {
+                    gains: PidGains {
+                        p: per_um * gains.p,
+                        i: per_um * gains.i,
+                        d: per_um * gains.d,
+                    },
+                    notch: None,
+                }
             };
             return Ok(Chosen { scheme, said });
         }
@@ -128,21 +159,49 @@ pub(super) fn choose(
         SchemeChoice::Smcbl => SlidingKind::BoundaryLayer,
     };
     let nominal = nominal(model);
-    let family = SlidingFamily { kind, nominal, unknown_bound_v: unknown_bound_v(model, inverse, &task.demands) };
+    let family = SlidingFamily {
+        kind,
+        nominal,
+        unknown_bound_v: unknown_bound_v(model, inverse, &task.demands),
+    };
     let (chosen, mut said) = scanned(&family, task, words)?;
     let (estimator, controller, reaching) = family.gains(&chosen.tuning);
-    said.extend(check::gains_in_words(&nominal, &estimator, &controller, &reaching, task.demands.reference_hz));
-    let form = Form::Predictor { hysteresis_inverse: inverse };
-    Ok(Chosen { scheme: Scheme::SlidingMode { nominal, estimator, controller, reaching, form }, said })
+    said.extend(check::gains_in_words(
+        &nominal,
+        &estimator,
+        &controller,
+        &reaching,
+        task.demands.reference_hz,
+    ));
+    let form = Form::Predictor {
+        hysteresis_inverse: inverse,
+    };
+    Ok(Chosen {
+        scheme: Scheme::SlidingMode {
+            nominal,
+            estimator,
+            controller,
+            reaching,
+            form,
+        },
+        said,
+    })
 }
 
 /// Puts the outcome of a scan into words.
 pub(super) trait InWords {
     /// The best candidate with why it is, or the refusal.
-    fn of<'a, T: Clone>(&self, scan: &'a Scan<T>) -> Result<(&'a Candidate<T>, Vec<String>), String>;
+    fn of<'a, T: Clone>(
+        &self,
+        scan: &'a Scan<T>,
+    ) -> Result<(&'a Candidate<T>, Vec<String>), String>;
 }
 
-fn scanned<F: Family>(family: &F, task: &Task<'_>, words: &impl InWords) -> Result<(Candidate<F::Tuning>, Vec<String>), String> {
+fn scanned<F: Family>(
+    family: &F,
+    task: &Task<'_>,
+    words: &impl InWords,
+) -> Result<(Candidate<F::Tuning>, Vec<String>), String> {
     let scan = task.scan_of(family);
     let (best, said) = words.of(&scan)?;
     Ok((best.clone(), said))
@@ -163,8 +222,16 @@ pub struct AtWork {
 
 /// Designs on the model that they were made for, on the same sines with the same noise.
 #[must_use]
-pub fn at_work(chain: &Model, designs: &[&ServoDesign], frequencies_hz: &[f64], noise_um: f64) -> Vec<AtWork> {
-    let jobs: Vec<(&ServoDesign, f64)> = designs.iter().flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz))).collect();
+pub fn at_work(
+    chain: &Model,
+    designs: &[&ServoDesign],
+    frequencies_hz: &[f64],
+    noise_um: f64,
+) -> Vec<AtWork> {
+    let jobs: Vec<(&ServoDesign, f64)> = designs
+        .iter()
+        .flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz)))
+        .collect();
     let run = |(design, hz): &(&ServoDesign, f64)| {
         let amplitude_um = 0.3 * design.model.reach_um();
         let reference = PeriodicReference {
@@ -174,10 +241,27 @@ pub fn at_work(chain: &Model, designs: &[&ServoDesign], frequencies_hz: &[f64], 
             offset_um: 1.12 * amplitude_um,
             phase_deg: -90.0,
         };
-        let circumstances = Circumstances { noise_um, seed: 1, disturbance: None };
-        let found = track(chain, design, &Reference::Periodic(reference), "", circumstances);
-        let (true_rms_um, true_max_um) = found.map_or((f64::NAN, f64::NAN), |found| (found.truth.rms_um, found.truth.max_um));
-        AtWork { scheme: design.scheme_name().into(), frequency_hz: *hz, true_rms_um, true_max_um }
+        let circumstances = Circumstances {
+            noise_um,
+            seed: 1,
+            disturbance: None,
+        };
+        let found = track(
+            chain,
+            design,
+            &Reference::Periodic(reference),
+            "",
+            circumstances,
+        );
+        let (true_rms_um, true_max_um) = found.map_or((f64::NAN, f64::NAN), |found| {
+            (found.truth.rms_um, found.truth.max_um)
+        });
+        AtWork {
+            scheme: design.scheme_name().into(),
+            frequency_hz: *hz,
+            true_rms_um,
+            true_max_um,
+        }
     };
     crate::parallel::map(&jobs, run)
 }
@@ -188,12 +272,19 @@ pub fn at_work_in_words(rows: &[AtWork]) -> String {
     let mut schemes: Vec<&str> = rows.iter().map(|row| row.scheme.as_str()).collect();
     schemes.dedup();
     let of = |scheme: &str| {
-        let errors: Vec<String> =
-            rows.iter().filter(|row| row.scheme == scheme).map(|row| format!("{:.1}", 1e3 * row.true_rms_um)).collect();
+        let errors: Vec<String> = rows
+            .iter()
+            .filter(|row| row.scheme == scheme)
+            .map(|row| format!("{:.1}", 1e3 * row.true_rms_um))
+            .collect();
         format!("{scheme} {} nm", errors.join(" / "))
     };
     let first = schemes.first().copied().unwrap_or_default();
-    let hz: Vec<String> = rows.iter().filter(|row| row.scheme == first).map(|row| format!("{:.0}", row.frequency_hz)).collect();
+    let hz: Vec<String> = rows
+        .iter()
+        .filter(|row| row.scheme == first)
+        .map(|row| format!("{:.0}", row.frequency_hz))
+        .collect();
     format!(
         "On this model, same runs, RMS error of the true position at {} Hz: {}.",
         hz.join(" / "),
@@ -203,7 +294,10 @@ pub fn at_work_in_words(rows: &[AtWork]) -> String {
 
 /// Cut-off of the observer's `G_3` (Ch. 7, Eq. 26): from where it falls below 3 dB for good, Hz.
 #[must_use]
-pub fn observer_cutoff_hz(nominal: &NominalModel, gains: &super::thesis_schemes::ObserverGains) -> f64 {
+pub fn observer_cutoff_hz(
+    nominal: &NominalModel,
+    gains: &super::thesis_schemes::ObserverGains,
+) -> f64 {
     let magnitude = |hz: f64| check::observer_response(nominal, gains, TAU * hz).norm();
     let highest = 10_000.0;
     let steps = (0..400).map(|i| highest * 0.98_f64.powi(i));
@@ -214,7 +308,11 @@ pub fn observer_cutoff_hz(nominal: &NominalModel, gains: &super::thesis_schemes:
             let (mut low, mut high) = (hz, beyond);
             for _ in 0..40 {
                 let middle = 0.5 * (low + high);
-                if magnitude(middle) >= FRAC_1_SQRT_2 { low = middle } else { high = middle }
+                if magnitude(middle) >= FRAC_1_SQRT_2 {
+                    low = middle
+                } else {
+                    high = middle
+                }
             }
             return low;
         }
@@ -231,13 +329,25 @@ mod tests {
     #[test]
     fn the_cut_off_is_the_one_of_the_thesis_gains() {
         let cutoff = |gains| observer_cutoff_hz(&NominalModel::THESIS, &gains);
-        assert!((cutoff(ObserverGains::THESIS_ESTIMATION) - 718.0).abs() < 1.0, "{}", cutoff(ObserverGains::THESIS_ESTIMATION));
+        assert!(
+            (cutoff(ObserverGains::THESIS_ESTIMATION) - 718.0).abs() < 1.0,
+            "{}",
+            cutoff(ObserverGains::THESIS_ESTIMATION)
+        );
         assert!((cutoff(ObserverGains::THESIS_PIDSMOC) - 1187.0).abs() < 2.0);
     }
 
     #[test]
     fn every_name_is_its_scheme() {
-        assert!(SchemeChoice::ALL.into_iter().all(|choice| SchemeChoice::named(choice.name()) == Ok(choice)));
-        assert!(SchemeChoice::named("lqg").unwrap_err().contains("pidsmc-alpha-beta"));
+        assert!(
+            SchemeChoice::ALL
+                .into_iter()
+                .all(|choice| SchemeChoice::named(choice.name()) == Ok(choice))
+        );
+        assert!(
+            SchemeChoice::named("lqg")
+                .unwrap_err()
+                .contains("pidsmc-alpha-beta")
+        );
     }
 }

@@ -41,7 +41,9 @@ pub fn known(chain: &Model, dataset: Option<&Dataset>, ordered_hz: Option<f64>) 
     if let Some(hz) = ordered_hz {
         return Known::Bandwidth(hz, "as ordered");
     }
-    let in_chain = chain.effect(sensor_bandwidth::ID).and_then(|e| e.parameters.first());
+    let in_chain = chain
+        .effect(sensor_bandwidth::ID)
+        .and_then(|e| e.parameters.first());
     if let Some(p) = in_chain
         && p.parameter.fixed
     {
@@ -59,11 +61,16 @@ pub fn known(chain: &Model, dataset: Option<&Dataset>, ordered_hz: Option<f64>) 
     }
     match (in_chain, spread) {
         (Some(p), Some(spread)) if beside_amplifier && spread.is_finite() => {
-            Known::Doubtful(format!("the sensor's bandwidth of {:.0} Hz is known to {:.0} % only", p.value, 100.0 * spread))
+            Known::Doubtful(format!(
+                "the sensor's bandwidth of {:.0} Hz is known to {:.0} % only",
+                p.value,
+                100.0 * spread
+            ))
         }
-        (Some(p), _) if beside_amplifier => {
-            Known::Doubtful(format!("the sensor's bandwidth of {:.0} Hz has no standard deviation", p.value))
-        }
+        (Some(p), _) if beside_amplifier => Known::Doubtful(format!(
+            "the sensor's bandwidth of {:.0} Hz has no standard deviation",
+            p.value
+        )),
         (Some(p), _) => Known::Doubtful(format!(
             "the lag of {:.0} Hz that the model calls the sensor's could be the amplifier's: the model has no other",
             p.value
@@ -82,7 +89,10 @@ pub fn lag_s(bandwidth_hz: f64) -> f64 {
 #[must_use]
 pub fn of_chain_s(chain: &Model) -> Option<f64> {
     let first = |id: &str| chain.values(id).and_then(|values| values.first().copied());
-    let lags = [amplifier_bandwidth::ID, sensor_bandwidth::ID].into_iter().filter_map(first).map(lag_s);
+    let lags = [amplifier_bandwidth::ID, sensor_bandwidth::ID]
+        .into_iter()
+        .filter_map(first)
+        .map(lag_s);
     lags.chain(first(delay::ID)).reduce(|a, b| a + b)
 }
 
@@ -106,11 +116,18 @@ fn coefficients(ticks: f64) -> (f64, f64) {
 pub fn quantised(lag_s: f64, period_s: f64) -> Result<SensorLag, QuantisationError> {
     let largest_s = LARGEST_LAG_PERIODS * period_s;
     if !(0.0..=largest_s).contains(&lag_s) {
-        return Err(QuantisationError { what: "lag of the sensor, s".into(), value: lag_s, limit: largest_s });
+        return Err(QuantisationError {
+            what: "lag of the sensor, s".into(),
+            value: lag_s,
+            limit: largest_s,
+        });
     }
     let (carried, before) = coefficients(lag_s / period_s);
     let bits = LAG_FRACTION_BITS as i32;
-    Ok(SensorLag { carried: number("lag of the sensor", carried, bits)?, before: number("lag of the sensor", before, bits)? })
+    Ok(SensorLag {
+        carried: number("lag of the sensor", carried, bits)?,
+        before: number("lag of the sensor", before, bits)?,
+    })
 }
 
 #[cfg(test)]
@@ -126,7 +143,9 @@ mod tests {
     /// The integers as a filter, against the first-order low-pass that they stand for.
     #[test]
     fn the_reference_is_delayed_as_a_first_order_sensor_reads() {
-        for bandwidth_hz in [200.0, 1000.0, 3000.0, 10_000.0, 12_640.0, 12_732.4, 15_000.0, 40_000.0, 1e6] {
+        for bandwidth_hz in [
+            200.0, 1000.0, 3000.0, 10_000.0, 12_640.0, 12_732.4, 15_000.0, 40_000.0, 1e6,
+        ] {
             let lag = quantised(lag_s(bandwidth_hz), PERIOD_S).unwrap();
             assert!(lag.accepted(), "{bandwidth_hz}");
             let one = f64::from(1u32 << LAG_FRACTION_BITS);
@@ -138,8 +157,14 @@ mod tests {
                 let sensor = 1.0 / Complex::new(1.0, hz / bandwidth_hz);
                 // Of the third order in the frequency for Tustin's rule, of the second where it would ring.
                 let angle = TAU * hz * PERIOD_S;
-                let allowed = ticks * angle.powi(3) / 12.0 + (0.25 * ticks * (1.02 - 4.0 * ticks)).max(0.0) * angle.powi(2) + 1e-8;
-                assert!((filter - sensor).norm() < 1.05 * allowed, "{bandwidth_hz} {hz}: {} {allowed}", (filter - sensor).norm());
+                let allowed = ticks * angle.powi(3) / 12.0
+                    + (0.25 * ticks * (1.02 - 4.0 * ticks)).max(0.0) * angle.powi(2)
+                    + 1e-8;
+                assert!(
+                    (filter - sensor).norm() < 1.05 * allowed,
+                    "{bandwidth_hz} {hz}: {} {allowed}",
+                    (filter - sensor).norm()
+                );
             }
         }
         assert!(
@@ -147,7 +172,10 @@ mod tests {
                 && quantised(f64::NAN, PERIOD_S).is_err()
                 && quantised(-1e-6, PERIOD_S).is_err()
         );
-        assert!(quantised(LARGEST_LAG_S, PERIOD_S).unwrap().accepted() && quantised(0.0, PERIOD_S).unwrap().accepted());
+        assert!(
+            quantised(LARGEST_LAG_S, PERIOD_S).unwrap().accepted()
+                && quantised(0.0, PERIOD_S).unwrap().accepted()
+        );
     }
 
     fn chain(lags: &[(&str, f64, Option<f64>)]) -> Model {
@@ -163,19 +191,35 @@ mod tests {
 
     #[test]
     fn a_lag_that_could_be_the_amplifiers_is_not_undone() {
-        let hz = |known: Known| if let Known::Bandwidth(hz, _) = known { Some(hz) } else { None };
-        let both = [("amplifier_bandwidth", 9e3, Some(300.0)), ("sensor_bandwidth", 8e3, Some(400.0))];
+        let hz = |known: Known| {
+            if let Known::Bandwidth(hz, _) = known {
+                Some(hz)
+            } else {
+                None
+            }
+        };
+        let both = [
+            ("amplifier_bandwidth", 9e3, Some(300.0)),
+            ("sensor_bandwidth", 8e3, Some(400.0)),
+        ];
         assert_eq!(hz(known(&chain(&both), None, None)), Some(8e3));
         let vague = [both[0], ("sensor_bandwidth", 8e3, Some(1000.0))];
-        assert!(matches!(known(&chain(&vague), None, None), Known::Doubtful(why) if why.contains("12 %") || why.contains("13 %")));
+        assert!(
+            matches!(known(&chain(&vague), None, None), Known::Doubtful(why) if why.contains("12 %") || why.contains("13 %"))
+        );
         let alone = chain(&both[1..]);
-        assert!(matches!(known(&alone, None, None), Known::Doubtful(why) if why.contains("amplifier's")));
+        assert!(
+            matches!(known(&alone, None, None), Known::Doubtful(why) if why.contains("amplifier's"))
+        );
         assert_eq!(hz(known(&alone, None, Some(7e3))), Some(7e3));
         let mut held = alone.clone();
         held.effects[0].parameters[0].parameter.fixed = true;
         assert_eq!(hz(known(&held, None, None)), Some(8e3));
         let all_s = of_chain_s(&chain(&[both[0], both[1], ("delay", 20e-6, None)])).unwrap();
-        assert!((all_s - (1.0 / (TAU * 9e3) + 1.0 / (TAU * 8e3) + 20e-6)).abs() < 1e-12 && of_chain_s(&chain(&[])).is_none());
+        assert!(
+            (all_s - (1.0 / (TAU * 9e3) + 1.0 / (TAU * 8e3) + 20e-6)).abs() < 1e-12
+                && of_chain_s(&chain(&[])).is_none()
+        );
         assert_eq!(known(&chain(&[]), None, None), Known::Ideal);
         assert_eq!(known(&chain(&both[..1]), None, None), Known::Ideal);
     }

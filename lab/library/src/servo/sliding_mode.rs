@@ -22,7 +22,10 @@ use super::model::{LinearModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, PredictorDesign, STATES, feedforward};
 use super::quantise::Unit;
 use super::robust::Family;
-use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows};
+use super::thesis_schemes::{
+    AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw,
+    estimator_rows,
+};
 use super::window_fit;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -31,31 +34,66 @@ impl SlidingModeLaw {
     /// In predictor form, for gains in the thesis' units: what closes the loop, without what the reference
     /// needs.
     #[must_use]
-    pub fn predicted(nominal: &NominalModel, estimator: &Estimator, gains: &ControllerGains, reaching: &ReachingGains) -> Self {
+    pub fn predicted(
+        nominal: &NominalModel,
+        estimator: &Estimator,
+        gains: &ControllerGains,
+        reaching: &ReachingGains,
+    ) -> Self {
         let (t, k) = (SAMPLING_PERIOD_S, nominal.gain_um_v);
         // In um of force-equivalent displacement the nominal gain is one.
-        let unit = NominalModel { gain_um_v: 1.0, ..*nominal };
+        let unit = NominalModel {
+            gain_um_v: 1.0,
+            ..*nominal
+        };
         let estimator_um = match estimator {
-            Estimator::Pidsmo(o) => Estimator::Pidsmo(ObserverGains { p: k * o.p, i: k * o.i, d: k * o.d }),
+            Estimator::Pidsmo(o) => Estimator::Pidsmo(ObserverGains {
+                p: k * o.p,
+                i: k * o.i,
+                d: k * o.d,
+            }),
             filter @ Estimator::AlphaBeta(_) => *filter,
         };
         let (rows, unknown_input) = estimator_rows(&unit, &estimator_um);
         let (phi, gamma) = unit.sampled(t);
         // Over [y, y' T].
-        let (f, g) = ([[phi[(0, 0)], phi[(0, 1)] / t], [phi[(1, 0)] * t, phi[(1, 1)]]], [gamma[0], gamma[1] * t]);
+        let (f, g) = (
+            [
+                [phi[(0, 0)], phi[(0, 1)] / t],
+                [phi[(1, 0)] * t, phi[(1, 1)]],
+            ],
+            [gamma[0], gamma[1] * t],
+        );
         let s = [gains.m * t, 1.0];
         let held = s[0] * g[0] + s[1] * g[1];
-        let equivalent = [(s[0] * (f[0][0] - 1.0) + s[1] * f[1][0]) / held, (s[0] * f[0][1] + s[1] * (f[1][1] - 1.0)) / held];
+        let equivalent = [
+            (s[0] * (f[0][0] - 1.0) + s[1] * f[1][0]) / held,
+            (s[0] * f[0][1] + s[1] * (f[1][1] - 1.0)) / held,
+        ];
         let prediction = match estimator {
             // The integral is the unknown input with its sign turned.
-            Estimator::Pidsmo(_) => [[f[0][0], f[0][1], -g[0], g[0]], [f[1][0], f[1][1], -g[1], g[1]]],
+            Estimator::Pidsmo(_) => [
+                [f[0][0], f[0][1], -g[0], g[0]],
+                [f[1][0], f[1][1], -g[1], g[1]],
+            ],
             // A filter without a model goes on at the velocity that it has.
             Estimator::AlphaBeta(_) => [[1.0, 1.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]],
         };
         let (pid, reaching) = match *reaching {
-            ReachingGains::Pid => ([k * gains.p / t, k * gains.d / (t * t), k * gains.i], ReachingGains::Pid),
-            ReachingGains::Switching { eta_v } => ([0.0; 3], ReachingGains::Switching { eta_v: k * eta_v }),
-            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => ([0.0; 3], ReachingGains::BoundaryLayer { eta_v: k * eta_v, delta_um_s }),
+            ReachingGains::Pid => (
+                [k * gains.p / t, k * gains.d / (t * t), k * gains.i],
+                ReachingGains::Pid,
+            ),
+            ReachingGains::Switching { eta_v } => {
+                ([0.0; 3], ReachingGains::Switching { eta_v: k * eta_v })
+            }
+            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => (
+                [0.0; 3],
+                ReachingGains::BoundaryLayer {
+                    eta_v: k * eta_v,
+                    delta_um_s,
+                },
+            ),
         };
         Self {
             output: Unit::Micrometre,
@@ -76,8 +114,13 @@ impl SlidingModeLaw {
     #[must_use]
     pub fn following(self, linear: &LinearModel) -> Self {
         let t = SAMPLING_PERIOD_S;
-        let reference_velocity = window_fit::fit(t, |w| Complex::from_polar(w * t, w * t) * Complex::i());
-        Self { reference_drive: feedforward(&linear.sampled()), reference_velocity, ..self }
+        let reference_velocity =
+            window_fit::fit(t, |w| Complex::from_polar(w * t, w * t) * Complex::i());
+        Self {
+            reference_drive: feedforward(&linear.sampled()),
+            reference_velocity,
+            ..self
+        }
     }
 
     /// The law as it closes the loop, in the form of a predictor: for eigenvalues, margins and responses. Of
@@ -91,20 +134,27 @@ impl SlidingModeLaw {
         let prediction = self.prediction?;
         let [p, d, i] = match self.reaching {
             ReachingGains::Pid => self.pid,
-            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => [eta_v / (delta_um_s * SAMPLING_PERIOD_S), 0.0, 0.0],
+            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
+                [eta_v / (delta_um_s * SAMPLING_PERIOD_S), 0.0, 0.0]
+            }
             ReachingGains::Switching { .. } => return None,
         };
         const ACTS: usize = 6;
         let step = |z: &[f64; STATES], reading: f64, acting: f64| -> [f64; STATES] {
             let [x1, x2, integral, last_y, last_q, sum, _, acted] = *z;
             let signals = [x1, x2, integral, last_y, reading, acted];
-            let [x1, x2, integral] = self.estimator.map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum::<f64>());
+            let [x1, x2, integral] = self
+                .estimator
+                .map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum::<f64>());
             let signals = [x1, x2, integral, acting];
             let e = prediction.map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum::<f64>());
             let q = self.switching_function[0] * e[0] + self.switching_function[1] * e[1];
             // A sum that nothing takes would stand in the eigenvalues as a one.
             let sum = if i == 0.0 { 0.0 } else { sum + q };
-            let drive = -(self.equivalent[0] * e[0] + self.equivalent[1] * e[1]) - p * q - d * (q - last_q) - i * sum;
+            let drive = -(self.equivalent[0] * e[0] + self.equivalent[1] * e[1])
+                - p * q
+                - d * (q - last_q)
+                - i * sum;
             [x1, x2, integral, reading, q, sum, drive, acting]
         };
         let mut a = DMatrix::zeros(STATES, STATES);
@@ -175,20 +225,49 @@ impl SlidingFamily {
                 let rate = tuning.unknown_rate;
                 // The mode's own damping is there without `D_o`.
                 let d = ((rate + 2.0 * xi * w + self.nominal.a22()) / b2).max(0.0);
-                Estimator::Pidsmo(ObserverGains { p: (w * w + 2.0 * xi * w * rate) / b2, i: w * w * rate / b2, d })
+                Estimator::Pidsmo(ObserverGains {
+                    p: (w * w + 2.0 * xi * w * rate) / b2,
+                    i: w * w * rate / b2,
+                    d,
+                })
             }
             SlidingKind::PidsmcAlphaBeta | SlidingKind::BoundaryLayer => {
-                Estimator::AlphaBeta(AlphaBeta { damping_ratio: xi, natural_frequency_rad_s: w, discrete: false })
+                Estimator::AlphaBeta(AlphaBeta {
+                    damping_ratio: xi,
+                    natural_frequency_rad_s: w,
+                    discrete: false,
+                })
             }
         };
         let (w, xi) = tuning.reaching;
         match self.kind {
             SlidingKind::BoundaryLayer => {
                 let eta_v = self.unknown_bound_v;
-                let reaching = ReachingGains::BoundaryLayer { eta_v, delta_um_s: eta_v * b2 / w };
-                (estimator, ControllerGains { m: tuning.m, p: 0.0, i: 0.0, d: 0.0 }, reaching)
+                let reaching = ReachingGains::BoundaryLayer {
+                    eta_v,
+                    delta_um_s: eta_v * b2 / w,
+                };
+                (
+                    estimator,
+                    ControllerGains {
+                        m: tuning.m,
+                        p: 0.0,
+                        i: 0.0,
+                        d: 0.0,
+                    },
+                    reaching,
+                )
             }
-            _ => (estimator, ControllerGains { m: tuning.m, p: 2.0 * xi * w / b2, i: w * w / b2, d: 0.0 }, ReachingGains::Pid),
+            _ => (
+                estimator,
+                ControllerGains {
+                    m: tuning.m,
+                    p: 2.0 * xi * w / b2,
+                    i: w * w / b2,
+                    d: 0.0,
+                },
+                ReachingGains::Pid,
+            ),
         }
     }
 
@@ -214,7 +293,10 @@ impl Family for SlidingFamily {
             return Vec::new();
         }
         let (w, xi) = tuning.reaching;
-        let shares = LAYER_SHARES.iter().map(|share| SlidingTuning { reaching: (share * w, xi), ..*tuning });
+        let shares = LAYER_SHARES.iter().map(|share| SlidingTuning {
+            reaching: (share * w, xi),
+            ..*tuning
+        });
         shares.filter_map(|tuning| self.law(&tuning)).collect()
     }
 
@@ -223,26 +305,59 @@ impl Family for SlidingFamily {
     }
 
     fn grid(&self, _demands: &Demands) -> Vec<SlidingTuning> {
-        let (wn, xi) = (self.nominal.natural_frequency_rad_s, self.nominal.damping_ratio);
+        let (wn, xi) = (
+            self.nominal.natural_frequency_rad_s,
+            self.nominal.damping_ratio,
+        );
         let mut out = Vec::new();
         let damping = |ratio: f64| ratio.max(xi);
         let estimators: Vec<((f64, f64), f64)> = match self.kind {
             SlidingKind::Pidsmoc => [0.01, 0.03, 0.1, 0.3, 1.0]
                 .into_iter()
-                .flat_map(|rate| [(1.0, 0.0), (1.0, 0.2), (1.3, 0.7), (2.0, 1.0)].map(|(w, xi)| ((w * wn, damping(xi)), rate * wn)))
+                .flat_map(|rate| {
+                    [(1.0, 0.0), (1.0, 0.2), (1.3, 0.7), (2.0, 1.0)]
+                        .map(|(w, xi)| ((w * wn, damping(xi)), rate * wn))
+                })
                 .collect(),
-            _ => [0.1, 0.3, 0.7, 1.5, 3.0].into_iter().map(|w| ((w * wn, FRAC_1_SQRT_2), 0.0)).collect(),
+            _ => [0.1, 0.3, 0.7, 1.5, 3.0]
+                .into_iter()
+                .map(|w| ((w * wn, FRAC_1_SQRT_2), 0.0))
+                .collect(),
         };
         let reachings: &[(f64, f64)] = match self.kind {
-            SlidingKind::BoundaryLayer => &[(0.003, 1.0), (0.01, 1.0), (0.03, 1.0), (0.1, 1.0), (0.3, 1.0), (1.0, 1.0)],
-            _ => &[(0.03, 1.0), (0.1, 1.0), (0.1, 3.0), (0.3, 0.7), (0.3, 2.0), (1.0, 0.0), (1.0, 0.2), (1.0, 0.7), (1.5, 0.7)],
+            SlidingKind::BoundaryLayer => &[
+                (0.003, 1.0),
+                (0.01, 1.0),
+                (0.03, 1.0),
+                (0.1, 1.0),
+                (0.3, 1.0),
+                (1.0, 1.0),
+            ],
+            _ => &[
+                (0.03, 1.0),
+                (0.1, 1.0),
+                (0.1, 3.0),
+                (0.3, 0.7),
+                (0.3, 2.0),
+                (1.0, 0.0),
+                (1.0, 0.2),
+                (1.0, 0.7),
+                (1.5, 0.7),
+            ],
         };
         for m in [0.003, 0.01, 0.03, 0.1, 0.3, 1.0] {
             for (w, ratio) in reachings {
                 for (estimator, unknown_rate) in &estimators {
                     out.push(SlidingTuning {
                         m: m * wn,
-                        reaching: (w * wn, if *ratio < 1.0 { damping(*ratio) } else { *ratio }),
+                        reaching: (
+                            w * wn,
+                            if *ratio < 1.0 {
+                                damping(*ratio)
+                            } else {
+                                *ratio
+                            },
+                        ),
                         estimator: *estimator,
                         unknown_rate: *unknown_rate,
                     });
@@ -253,7 +368,11 @@ impl Family for SlidingFamily {
     }
 
     fn numbers(&self) -> usize {
-        if self.kind == SlidingKind::Pidsmoc { 6 } else { 5 }
+        if self.kind == SlidingKind::Pidsmoc {
+            6
+        } else {
+            5
+        }
     }
 
     fn stepped(&self, tuning: &SlidingTuning, number: usize, by: f64) -> SlidingTuning {
@@ -284,7 +403,10 @@ mod tests {
 
     fn linear(hz: f64, damping_ratio: f64) -> LinearModel {
         LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio },
+            first_mode: ModeModel {
+                natural_frequency_rad_s: TAU * hz,
+                damping_ratio,
+            },
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
@@ -294,12 +416,24 @@ mod tests {
 
     fn family(kind: SlidingKind, linear: &LinearModel) -> SlidingFamily {
         let mode = linear.first_mode;
-        let nominal =
-            NominalModel { natural_frequency_rad_s: mode.natural_frequency_rad_s, damping_ratio: mode.damping_ratio, gain_um_v: 0.13 };
-        SlidingFamily { kind, nominal, unknown_bound_v: 2.0 }
+        let nominal = NominalModel {
+            natural_frequency_rad_s: mode.natural_frequency_rad_s,
+            damping_ratio: mode.damping_ratio,
+            gain_um_v: 0.13,
+        };
+        SlidingFamily {
+            kind,
+            nominal,
+            unknown_bound_v: 2.0,
+        }
     }
 
-    const TUNING: SlidingTuning = SlidingTuning { m: 900.0, reaching: (1500.0, 0.9), estimator: (6000.0, 0.9), unknown_rate: 500.0 };
+    const TUNING: SlidingTuning = SlidingTuning {
+        m: 900.0,
+        reaching: (1500.0, 0.9),
+        estimator: (6000.0, 0.9),
+        unknown_rate: 500.0,
+    };
 
     /// Where the plant is the nominal one the poles of the controller and of the observer do not touch each
     /// other, although a period of delay lies between reading and drive: what the prediction is for.
@@ -311,16 +445,34 @@ mod tests {
         let law = sliding.as_predictor().unwrap();
         assert!(law.spectral_radius(&plant, 1.0, 0) < 1.0);
         // The controller alone, on states that are known: e+ = F e + G u with its own sum and difference.
-        let (phi, gamma) = NominalModel { gain_um_v: 1.0, ..family(SlidingKind::Pidsmoc, &linear).nominal }.sampled(SAMPLING_PERIOD_S);
+        let (phi, gamma) = NominalModel {
+            gain_um_v: 1.0,
+            ..family(SlidingKind::Pidsmoc, &linear).nominal
+        }
+        .sampled(SAMPLING_PERIOD_S);
         let t = SAMPLING_PERIOD_S;
-        let (f, g) = ([[phi[(0, 0)], phi[(0, 1)] / t], [phi[(1, 0)] * t, phi[(1, 1)]]], [gamma[0], gamma[1] * t]);
+        let (f, g) = (
+            [
+                [phi[(0, 0)], phi[(0, 1)] / t],
+                [phi[(1, 0)] * t, phi[(1, 1)]],
+            ],
+            [gamma[0], gamma[1] * t],
+        );
         let step = |s: &[f64; 4]| {
             let [e1, e2, last_q, sum] = *s;
             let q = sliding.switching_function[0] * e1 + sliding.switching_function[1] * e2;
             let sum = sum + q;
             let [p, d, i] = sliding.pid;
-            let u = -(sliding.equivalent[0] * e1 + sliding.equivalent[1] * e2) - p * q - d * (q - last_q) - i * sum;
-            [f[0][0] * e1 + f[0][1] * e2 + g[0] * u, f[1][0] * e1 + f[1][1] * e2 + g[1] * u, q, sum]
+            let u = -(sliding.equivalent[0] * e1 + sliding.equivalent[1] * e2)
+                - p * q
+                - d * (q - last_q)
+                - i * sum;
+            [
+                f[0][0] * e1 + f[0][1] * e2 + g[0] * u,
+                f[1][0] * e1 + f[1][1] * e2 + g[1] * u,
+                q,
+                sum,
+            ]
         };
         let mut alone = DMatrix::zeros(4, 4);
         for j in 0..4 {
@@ -329,10 +481,20 @@ mod tests {
             alone.set_column(j, &DVector::from_row_slice(&step(&unit)));
         }
         let whole = law.closed_loop(&plant, 1.0, 0).complex_eigenvalues();
-        for pole in alone.complex_eigenvalues().iter().filter(|z| z.norm() > 1e-6) {
-            let nearest = whole.iter().map(|z| (z - pole).norm()).fold(f64::INFINITY, f64::min);
+        for pole in alone
+            .complex_eigenvalues()
+            .iter()
+            .filter(|z| z.norm() > 1e-6)
+        {
+            let nearest = whole
+                .iter()
+                .map(|z| (z - pole).norm())
+                .fold(f64::INFINITY, f64::min);
             // The reading is taken to run straight between samples, which it does not quite.
-            assert!(nearest < 2e-3, "{pole} is {nearest} from the next pole of {whole}");
+            assert!(
+                nearest < 2e-3,
+                "{pole} is {nearest} from the next pole of {whole}"
+            );
         }
     }
 
@@ -343,18 +505,35 @@ mod tests {
             let linear = linear(850.0, 0.5);
             let sliding = family(kind, &linear).sliding(&TUNING);
             let law = sliding.as_predictor().unwrap();
-            let LawParameters::SlidingMode { estimator, controller } = sliding.following(&linear).quantised().unwrap() else {
+            let LawParameters::SlidingMode {
+                estimator,
+                controller,
+            } = sliding.following(&linear).quantised().unwrap()
+            else {
                 panic!("another law")
             };
             let fixed = |um: f64| (um * f64::from(1 << 24)).round() as i32;
-            let (mut states, mut integer, mut saturated) = (StateEstimator::at_rest(0, 0), SlidingModeController::default(), 0);
+            let (mut states, mut integer, mut saturated) = (
+                StateEstimator::at_rest(0, 0),
+                SlidingModeController::default(),
+                0,
+            );
             let mut window = ReferenceWindow::at_rest(0);
-            let (mut z, mut acting, mut acted, mut largest) = (DVector::<f64>::zeros(STATES), 0.0, 0.0, 0.0f64);
+            let (mut z, mut acting, mut acted, mut largest) =
+                (DVector::<f64>::zeros(STATES), 0.0, 0.0, 0.0f64);
             for tick in 0..3000 {
-                let reading = 0.4 * (f64::from(tick) * 0.02).sin() + 0.1 * (f64::from(tick) * 0.31).cos();
+                let reading =
+                    0.4 * (f64::from(tick) * 0.02).sin() + 0.1 * (f64::from(tick) * 0.31).cos();
                 window.push(&SensorLag::NONE, 0, 0);
                 states.update(&estimator, fixed(reading), fixed(acted), &mut saturated);
-                let drive = integer.drive(&controller, &states, fixed(acting), &window, 0, &mut saturated);
+                let drive = integer.drive(
+                    &controller,
+                    &states,
+                    fixed(acting),
+                    &window,
+                    0,
+                    &mut saturated,
+                );
                 // The law in f64, fed with the same drive.
                 z = &law.a * &z + &law.b * acting + &law.l * reading;
                 let expected = -law.k.dot(&z);
@@ -367,9 +546,20 @@ mod tests {
     }
 
     fn scanned(kind: SlidingKind, linear: &LinearModel) -> Scan<SlidingTuning> {
-        let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+        let spread = ModeSpread {
+            frequency: 0.02,
+            damping: 0.2,
+        };
         let demands = Demands::default();
-        let task = Task { linear: *linear, first: spread, second: None, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
+        let task = Task {
+            linear: *linear,
+            first: spread,
+            second: None,
+            delay_s: 0.0,
+            recording: None,
+            mode_moves: 0.0,
+            demands,
+        };
         task.scan_of(&family(kind, linear))
     }
 
@@ -377,17 +567,38 @@ mod tests {
     #[test]
     #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
     fn a_pidsmoc_is_found_for_every_kind_of_mode_and_keeps_its_margins() {
-        for (hz, damping_ratio) in [(852.0, 0.7876), (850.0, 0.02), (302.0, 0.015), (302.0, 0.5), (1500.0, 0.05)] {
+        for (hz, damping_ratio) in [
+            (852.0, 0.7876),
+            (850.0, 0.02),
+            (302.0, 0.015),
+            (302.0, 0.5),
+            (1500.0, 0.05),
+        ] {
             let linear = linear(hz, damping_ratio);
             let scan = scanned(SlidingKind::Pidsmoc, &linear);
             let best = scan.best().unwrap_or_else(|| {
-                panic!("{hz} Hz {damping_ratio}: {:?}", scan.candidates.iter().filter_map(|c| c.broken).collect::<Vec<_>>())
+                panic!(
+                    "{hz} Hz {damping_ratio}: {:?}",
+                    scan.candidates
+                        .iter()
+                        .filter_map(|c| c.broken)
+                        .collect::<Vec<_>>()
+                )
             });
-            println!("{hz} Hz, {damping_ratio}: {:.2} nm, {:?}", 1e3 * best.expected_um(), best.tuning);
-            let law = family(SlidingKind::Pidsmoc, &linear).law(&best.tuning).unwrap();
+            println!(
+                "{hz} Hz, {damping_ratio}: {:.2} nm, {:?}",
+                1e3 * best.expected_um(),
+                best.tuning
+            );
+            let law = family(SlidingKind::Pidsmoc, &linear)
+                .law(&best.tuning)
+                .unwrap();
             let plant = linear.sampled();
             for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
-                assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{hz} Hz {damping_ratio}: {gain} {extra_delay}");
+                assert!(
+                    law.spectral_radius(&plant, gain, extra_delay) < 1.0,
+                    "{hz} Hz {damping_ratio}: {gain} {extra_delay}"
+                );
             }
         }
     }

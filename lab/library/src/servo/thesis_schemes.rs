@@ -32,11 +32,23 @@ pub struct ObserverGains {
 
 impl ObserverGains {
     /// For the observer's sliding behaviour (Ch. 7, Fig. 7).
-    pub const THESIS_SLIDING: Self = Self { p: 7.0, i: 3000.0, d: 1e-6 };
+    pub const THESIS_SLIDING: Self = Self {
+        p: 7.0,
+        i: 3000.0,
+        d: 1e-6,
+    };
     /// For state estimation (Ch. 7, Figs. 8-9).
-    pub const THESIS_ESTIMATION: Self = Self { p: 10.0, i: 20_000.0, d: 6e-6 };
+    pub const THESIS_ESTIMATION: Self = Self {
+        p: 10.0,
+        i: 20_000.0,
+        d: 6e-6,
+    };
     /// In the PIDSMOC (Ch. 7, V.B).
-    pub const THESIS_PIDSMOC: Self = Self { p: 12.0, i: 50_000.0, d: 1e-4 };
+    pub const THESIS_PIDSMOC: Self = Self {
+        p: 12.0,
+        i: 50_000.0,
+        d: 1e-4,
+    };
 }
 
 /// Gains of the PIDSMC (thesis Ch. 6, Eq. 14; Ch. 7, Eq. 27).
@@ -55,13 +67,33 @@ pub struct ControllerGains {
 
 impl ControllerGains {
     /// For the controller's sliding behaviour (Ch. 6, 4.2.1).
-    pub const THESIS_SLIDING: Self = Self { m: 2200.0, p: 0.004, i: 0.06, d: 1e-8 };
+    pub const THESIS_SLIDING: Self = Self {
+        m: 2200.0,
+        p: 0.004,
+        i: 0.06,
+        d: 1e-8,
+    };
     /// For tracking with the alpha-beta filter (Ch. 6, 4.2.2).
-    pub const THESIS_CHAPTER_6: Self = Self { m: 22_000.0, p: 0.0004, i: 1.0, d: 1e-8 };
+    pub const THESIS_CHAPTER_6: Self = Self {
+        m: 22_000.0,
+        p: 0.0004,
+        i: 1.0,
+        d: 1e-8,
+    };
     /// With the alpha-beta filter in Ch. 7, V.C.
-    pub const THESIS_CHAPTER_7: Self = Self { m: 22_000.0, p: 0.0004, i: 2.0, d: 1e-8 };
+    pub const THESIS_CHAPTER_7: Self = Self {
+        m: 22_000.0,
+        p: 0.0004,
+        i: 2.0,
+        d: 1e-8,
+    };
     /// In the PIDSMOC (Ch. 7, V.B).
-    pub const THESIS_PIDSMOC: Self = Self { m: 22_000.0, p: 0.005, i: 1.0, d: 1e-8 };
+    pub const THESIS_PIDSMOC: Self = Self {
+        m: 22_000.0,
+        p: 0.005,
+        i: 1.0,
+        d: 1e-8,
+    };
 }
 
 /// The alpha-beta filter by its damping ratio and natural frequency (thesis Ch. 6, Eqs. 35-38).
@@ -79,11 +111,17 @@ pub struct AlphaBeta {
 
 impl AlphaBeta {
     /// Chapter 6: `1/sqrt 2`, `1000 pi`.
-    pub const THESIS_CHAPTER_6: Self =
-        Self { damping_ratio: std::f64::consts::FRAC_1_SQRT_2, natural_frequency_rad_s: 1000.0 * std::f64::consts::PI, discrete: false };
+    pub const THESIS_CHAPTER_6: Self = Self {
+        damping_ratio: std::f64::consts::FRAC_1_SQRT_2,
+        natural_frequency_rad_s: 1000.0 * std::f64::consts::PI,
+        discrete: false,
+    };
     /// Chapter 7: `1/sqrt 2`, `1200 pi`.
-    pub const THESIS_CHAPTER_7: Self =
-        Self { damping_ratio: std::f64::consts::FRAC_1_SQRT_2, natural_frequency_rad_s: 1200.0 * std::f64::consts::PI, discrete: false };
+    pub const THESIS_CHAPTER_7: Self = Self {
+        damping_ratio: std::f64::consts::FRAC_1_SQRT_2,
+        natural_frequency_rad_s: 1200.0 * std::f64::consts::PI,
+        discrete: false,
+    };
 }
 
 /// Which estimator stands before the controller.
@@ -183,7 +221,11 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
             // Eq. (2) with r of Eq. (14): x2' = -B2 P x1 + (A22 - B2 D) x2 - B2 J + B2 u + (A21 + B2 P) y +
             // B2 D y'.
             let rows = discretised(
-                [[0.0, 1.0, 0.0], [-b2 * g.p, a22 - b2 * g.d, -b2], [g.i, 0.0, 0.0]],
+                [
+                    [0.0, 1.0, 0.0],
+                    [-b2 * g.p, a22 - b2 * g.d, -b2],
+                    [g.i, 0.0, 0.0],
+                ],
                 [0.0, b2, 0.0],
                 [0.0, a21 + b2 * g.p, -g.i],
                 [0.0, b2 * g.d, 0.0],
@@ -208,7 +250,11 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
             let kappa = (2.0 * xi - w * t) / w;
             let acceleration = [-w * w, w * w * kappa - 2.0 * xi * w, 0.0];
             let [position, velocity, _] = discretised(
-                [[kappa * acceleration[0], 1.0 + kappa * acceleration[1], 0.0], acceleration, [0.0; 3]],
+                [
+                    [kappa * acceleration[0], 1.0 + kappa * acceleration[1], 0.0],
+                    acceleration,
+                    [0.0; 3],
+                ],
                 [0.0; 3],
                 [kappa * w * w, w * w, 0.0],
                 [0.0; 3],
@@ -223,7 +269,12 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
 impl SlidingModeLaw {
     /// From the gains of the thesis.
     #[must_use]
-    pub fn new(nominal: &NominalModel, estimator: &Estimator, gains: &ControllerGains, reaching: &ReachingGains) -> Self {
+    pub fn new(
+        nominal: &NominalModel,
+        estimator: &Estimator,
+        gains: &ControllerGains,
+        reaching: &ReachingGains,
+    ) -> Self {
         let t = SAMPLING_PERIOD_S;
         let (rows, unknown_input) = estimator_rows(nominal, estimator);
         let pid = match reaching {
@@ -234,13 +285,18 @@ impl SlidingModeLaw {
         Self {
             output: Unit::Volt,
             // Ch. 6, Eq. 6.
-            reference_drive: window_fit::fit(t, |w| Complex::new(-w * w - n.a21(), -n.a22() * w) / n.b2()),
+            reference_drive: window_fit::fit(t, |w| {
+                Complex::new(-w * w - n.a21(), -n.a22() * w) / n.b2()
+            }),
             reference_velocity: window_fit::fit(t, |w| Complex::new(0.0, w * t)),
             prediction: None,
             estimator: rows,
             unknown_input,
             switching_function: [gains.m * t, 1.0],
-            equivalent: [nominal.a21() / nominal.b2(), (gains.m + nominal.a22()) / (nominal.b2() * t)],
+            equivalent: [
+                nominal.a21() / nominal.b2(),
+                (gains.m + nominal.a22()) / (nominal.b2() * t),
+            ],
             pid,
             reaching: *reaching,
         }
@@ -254,16 +310,34 @@ impl SlidingModeLaw {
         let t = SAMPLING_PERIOD_S;
         let output = self.output;
         let bits = output.fraction_bits();
-        let inputs = |i: usize| if i == 2 || i == 5 { output } else { Unit::Micrometre };
+        let inputs = |i: usize| {
+            if i == 2 || i == 5 {
+                output
+            } else {
+                Unit::Micrometre
+            }
+        };
         let reaching = match self.reaching {
             ReachingGains::Pid => Reaching::Pid {
-                proportional_derivative: row("P_c, D_c", &self.pid[..2], |_| Unit::Micrometre, output)?,
-                integral: number("I_c", self.pid[2], 26 + bits - Unit::Micrometre.fraction_bits())?,
+                proportional_derivative: row(
+                    "P_c, D_c",
+                    &self.pid[..2],
+                    |_| Unit::Micrometre,
+                    output,
+                )?,
+                integral: number(
+                    "I_c",
+                    self.pid[2],
+                    26 + bits - Unit::Micrometre.fraction_bits(),
+                )?,
             },
-            ReachingGains::Switching { eta_v } => Reaching::Switching { magnitude: number("eta", eta_v, bits)? },
-            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
-                Reaching::BoundaryLayer { magnitude: number("eta", eta_v, bits)?, thickness: number("delta", delta_um_s * t, 24)? }
-            }
+            ReachingGains::Switching { eta_v } => Reaching::Switching {
+                magnitude: number("eta", eta_v, bits)?,
+            },
+            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => Reaching::BoundaryLayer {
+                magnitude: number("eta", eta_v, bits)?,
+                thickness: number("delta", delta_um_s * t, 24)?,
+            },
         };
         let carried = |i: usize| if i >= 2 { output } else { Unit::Micrometre };
         let prediction = match &self.prediction {
@@ -281,12 +355,25 @@ impl SlidingModeLaw {
             row("estimator integral", &self.estimator[2], inputs, output)?,
         ];
         Ok(LawParameters::SlidingMode {
-            estimator: EstimatorParameters { rows, unknown_input: row("unknown input", &self.unknown_input, inputs, output)? },
+            estimator: EstimatorParameters {
+                rows,
+                unknown_input: row("unknown input", &self.unknown_input, inputs, output)?,
+            },
             controller: SlidingModeParameters {
                 reference_velocity: row_um("reference velocity", &self.reference_velocity)?,
-                reference_drive: row("reference drive", &self.reference_drive, |_| Unit::Micrometre, output)?,
+                reference_drive: row(
+                    "reference drive",
+                    &self.reference_drive,
+                    |_| Unit::Micrometre,
+                    output,
+                )?,
                 switching_function: row_um("switching function", &self.switching_function)?,
-                equivalent_control: row("equivalent control", &self.equivalent, |_| Unit::Micrometre, output)?,
+                equivalent_control: row(
+                    "equivalent control",
+                    &self.equivalent,
+                    |_| Unit::Micrometre,
+                    output,
+                )?,
                 reaching,
                 prediction,
             },
@@ -320,7 +407,17 @@ impl SlidingModeLaw {
             let signals = [x1, x2, j, y, next_y, acting];
             let row = |r: &[f64; 6]| -> f64 { r.iter().zip(&signals).map(|(c, x)| c * x).sum() };
             let _ = last_y;
-            [next_y, next_v, row(&self.estimator[0]), row(&self.estimator[1]), row(&self.estimator[2]), y, q, sum, u]
+            [
+                next_y,
+                next_v,
+                row(&self.estimator[0]),
+                row(&self.estimator[1]),
+                row(&self.estimator[2]),
+                y,
+                q,
+                sum,
+                u,
+            ]
         };
         let n = 9;
         let mut m = DMatrix::zeros(n, n);
@@ -373,9 +470,19 @@ pub fn regulator(
     let unit_bits = if output == Unit::Volt { -2 } else { 0 };
     let biquad = notch.map_or([1.0, 0.0, 0.0, 0.0, 0.0], Notch::coefficients);
     Ok(LawParameters::Regulator(PidParameters {
-        proportional_derivative: row("P, D", &[gains.p, gains.d / t], |_| Unit::Micrometre, output)?,
+        proportional_derivative: row(
+            "P, D",
+            &[gains.p, gains.d / t],
+            |_| Unit::Micrometre,
+            output,
+        )?,
         integral: number("I", gains.i * t, 26 + unit_bits)?,
-        feedforward: row("feedforward", feedforward.window, |_| Unit::Micrometre, output)?,
+        feedforward: row(
+            "feedforward",
+            feedforward.window,
+            |_| Unit::Micrometre,
+            output,
+        )?,
         creep: creep_inverse(feedforward.creep, feedforward.creep_pair, t)?,
         notch: {
             let mut quantised = Row::default();
@@ -418,7 +525,10 @@ impl Notch {
             let angle = w * (1.0 - xi * xi).max(0.0).sqrt() * SAMPLING_PERIOD_S;
             [-2.0 * radius * angle.cos(), radius * radius]
         };
-        let (zeros, poles) = (polynomial(self.zero_damping_ratio), polynomial(self.pole_damping_ratio));
+        let (zeros, poles) = (
+            polynomial(self.zero_damping_ratio),
+            polynomial(self.pole_damping_ratio),
+        );
         let gain = (1.0 + poles[0] + poles[1]) / (1.0 + zeros[0] + zeros[1]);
         [gain, gain * zeros[0], gain * zeros[1], -poles[0], -poles[1]]
     }

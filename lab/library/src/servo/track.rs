@@ -19,7 +19,9 @@ use hysteron_core::learned_feedforward::MOST_POINTS;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
-use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, RepeatsLater, Surroundings, condition, follow};
+use hysteron_sim::closed_loop::{
+    Controller, ErrorFigures, Plant, RepeatsLater, Surroundings, condition, follow,
+};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::sensor_bandwidth;
 use hysteron_sim::waveform;
@@ -41,17 +43,30 @@ const ADAPTED_WITHIN_S: f64 = 6.0;
 /// gain, is learned.
 #[must_use]
 pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
-    let learns =
-        design.learning.is_some() && period_ticks(frequency_hz, design.period_s()).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
-    let lead_s = if design.adaptation.is_some() { ADAPTED_WITHIN_S } else { LEAD_S };
-    if learns { lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { lead_s }
+    let learns = design.learning.is_some()
+        && period_ticks(frequency_hz, design.period_s())
+            .is_some_and(|ticks| ticks <= MOST_POINTS as u32);
+    let lead_s = if design.adaptation.is_some() {
+        ADAPTED_WITHIN_S
+    } else {
+        LEAD_S
+    };
+    if learns {
+        lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz)
+    } else {
+        lead_s
+    }
 }
 
 /// The servo of a design, with its sampling period, s; it receives the period of its reference, in ticks, once
 /// that has grown.
 #[must_use]
 pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>, period_s: f64) -> RepeatsLater {
-    RepeatsLater { servo, period_ticks, wait_ticks: waveform::samples_in(1.0 / period_s, waveform::GROWN_WITHIN_S) }
+    RepeatsLater {
+        servo,
+        period_ticks,
+        wait_ticks: waveform::samples_in(1.0 / period_s, waveform::GROWN_WITHIN_S),
+    }
 }
 
 /// How a reference goes from its lowest to its highest point and back.
@@ -113,7 +128,9 @@ impl PeriodicReference {
             ));
         }
         if amplitude_um < 0.0 {
-            return Err(format!("reference `{text}`: the amplitude must not be negative"));
+            return Err(format!(
+                "reference `{text}`: the amplitude must not be negative"
+            ));
         }
         Ok(Self {
             shape,
@@ -131,12 +148,19 @@ impl PeriodicReference {
         let fs = 1.0 / period_s;
         let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
         let mut samples = match self.shape {
-            ReferenceShape::Sine => {
-                waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, self.phase_deg.to_radians(), duration_s)
-            }
+            ReferenceShape::Sine => waveform::sine(
+                fs,
+                self.frequency_hz,
+                self.amplitude_um,
+                self.offset_um,
+                self.phase_deg.to_radians(),
+                duration_s,
+            ),
             ReferenceShape::Triangle => (0..waveform::samples_in(fs, duration_s))
                 .map(|k| {
-                    let turns = (self.frequency_hz * k as f64 / fs + (self.phase_deg + 90.0) / 360.0).rem_euclid(1.0);
+                    let turns = (self.frequency_hz * k as f64 / fs
+                        + (self.phase_deg + 90.0) / 360.0)
+                        .rem_euclid(1.0);
                     self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
                 })
                 .collect(),
@@ -158,7 +182,8 @@ impl PeriodicReference {
 #[must_use]
 pub fn period_ticks(frequency_hz: f64, period_s: f64) -> Option<u32> {
     let ticks = 1.0 / (frequency_hz * period_s);
-    ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX)).then_some(ticks.round() as u32)
+    ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX))
+        .then_some(ticks.round() as u32)
 }
 
 /// RMS and largest error.
@@ -172,7 +197,10 @@ pub struct TrackingFigures {
 
 impl From<ErrorFigures> for TrackingFigures {
     fn from(e: ErrorFigures) -> Self {
-        Self { rms_um: e.rms_um, max_um: e.max_um }
+        Self {
+            rms_um: e.rms_um,
+            max_um: e.max_um,
+        }
     }
 }
 
@@ -212,15 +240,25 @@ impl StepFigures {
         let seconds = |ticks: usize| ticks as f64 * period_s;
         let behind = displacement_um.len().saturating_sub(at);
         // Nothing is read here that is outside: every k is below the length.
-        let outside = (at..displacement_um.len()).rev().find(|k| (progress(*k) - 1.0).abs() > SETTLED).map_or(0, |k| k + 1 - at);
+        let outside = (at..displacement_um.len())
+            .rev()
+            .find(|k| (progress(*k) - 1.0).abs() > SETTLED)
+            .map_or(0, |k| k + 1 - at);
         let settled = outside as f64 <= (1.0 - STAYS) * behind as f64;
         // The servo looks ahead, so it may set out before the step.
-        let first_beyond = |share: f64| (at.saturating_sub(PREVIEW_TICKS)..displacement_um.len()).find(|k| progress(*k) >= share);
+        let first_beyond = |share: f64| {
+            (at.saturating_sub(PREVIEW_TICKS)..displacement_um.len())
+                .find(|k| progress(*k) >= share)
+        };
         Self {
             by_um,
             settling_s: settled.then(|| seconds(outside)),
-            rise_s: first_beyond(0.1).zip(first_beyond(0.9)).map(|(low, high)| seconds(high.saturating_sub(low))),
-            overshoot: (at..displacement_um.len()).map(|k| progress(k) - 1.0).fold(0.0, f64::max),
+            rise_s: first_beyond(0.1)
+                .zip(first_beyond(0.9))
+                .map(|(low, high)| seconds(high.saturating_sub(low))),
+            overshoot: (at..displacement_um.len())
+                .map(|k| progress(k) - 1.0)
+                .fold(0.0, f64::max),
         }
     }
 }
@@ -239,12 +277,16 @@ pub struct DriveFigures {
 impl DriveFigures {
     fn of(drive_v: &[f64], from: usize, period_s: f64) -> Self {
         let counted = drive_v.get(from..).unwrap_or_default();
-        let rates: Vec<f64> = counted.windows(2).map(|w| (w[1] - w[0]) / period_s).collect();
+        let rates: Vec<f64> = counted
+            .windows(2)
+            .map(|w| (w[1] - w[0]) / period_s)
+            .collect();
         let (low, high) = extremes(counted);
         Self {
             range_v: [low, high],
             rate_max_v_s: rates.iter().map(|r| r.abs()).fold(0.0, f64::max),
-            rate_rms_v_s: (rates.iter().map(|r| r * r).sum::<f64>() / rates.len().max(1) as f64).sqrt(),
+            rate_rms_v_s: (rates.iter().map(|r| r * r).sum::<f64>() / rates.len().max(1) as f64)
+                .sqrt(),
         }
     }
 }
@@ -329,7 +371,11 @@ impl TrackResult {
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         if self.saturated_ticks > 0 {
-            let ticks = if self.saturated_ticks == 1 { "tick" } else { "ticks" };
+            let ticks = if self.saturated_ticks == 1 {
+                "tick"
+            } else {
+                "ticks"
+            };
             return Some(format!(
                 "the drive was at a limit in {} {ticks} while the error counts: this servo does not hold this actuator on this reference",
                 self.saturated_ticks
@@ -363,15 +409,23 @@ pub struct Circumstances {
 
 /// The plant and the timing of a run.
 fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -> String {
-    let servo_knows = actuator_model(chain).map(|model| model.for_the_tick().0.linear.first_mode) == Some(design.model.linear.first_mode);
+    let servo_knows = actuator_model(chain).map(|model| model.for_the_tick().0.linear.first_mode)
+        == Some(design.model.linear.first_mode);
     format!(
         "simulated from the model's effects {}{}; codes of {} and {} bits; a code acts {}",
         chain.effect_ids().join(", "),
-        if servo_knows { ", of which the servo was designed" } else { ", which is not the model that the servo was designed for" },
+        if servo_knows {
+            ", of which the servo was designed"
+        } else {
+            ", which is not the model that the servo was designed for"
+        },
         scale.adc_bits,
         scale.dac_bits,
         if design.delayed {
-            format!("one period of {:.0} us after its reading, as on the target", 1e6 * design.period_s())
+            format!(
+                "one period of {:.0} us after its reading, as on the target",
+                1e6 * design.period_s()
+            )
         } else {
             "at once, which no target does".to_owned()
         }
@@ -390,7 +444,14 @@ pub fn track(
     reference_name: &str,
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
-    track_on(chain, HysteresisChange::NONE, design, reference, reference_name, circumstances)
+    track_on(
+        chain,
+        HysteresisChange::NONE,
+        design,
+        reference,
+        reference_name,
+        circumstances,
+    )
 }
 
 /// The same with another gain and wider loops than the chain has.
@@ -405,16 +466,29 @@ pub fn track_on(
     reference_name: &str,
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
-    let Circumstances { noise_um, seed, disturbance } = circumstances;
+    let Circumstances {
+        noise_um,
+        seed,
+        disturbance,
+    } = circumstances;
     let period_s = design.period_s();
     let (reference_um, from) = reference.samples_um(design);
-    let external_um = disturbance.map_or_else(Vec::new, |d| d.samples_um(reference_um.len(), from, period_s));
+    let external_um = disturbance.map_or_else(Vec::new, |d| {
+        d.samples_um(reference_um.len(), from, period_s)
+    });
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
-    let scale = ConverterScale::around(low_v, high_v, design.model.surfaces().initial_ascending_curve(1.0));
+    let scale = ConverterScale::around(
+        low_v,
+        high_v,
+        design.model.surfaces().initial_ascending_curve(1.0),
+    );
     let mut plant = ChainPlant::changed(chain, change, low_v, period_s);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
     let fs = 1.0 / period_s;
-    let conditioning = waveform::concatenate(&[waveform::raised_cosine(fs, 10.0, low_v, high_v, 1), waveform::hold(fs, low_v, 1.0)]);
+    let conditioning = waveform::concatenate(&[
+        waveform::raised_cosine(fs, 10.0, low_v, high_v, 1),
+        waveform::hold(fs, low_v, 1.0),
+    ]);
     condition(&mut plant, &mut servo, &scale, &conditioning);
     let around = Surroundings {
         scale: scale.zeroed_at(plant.sensor_um()),
@@ -429,7 +503,12 @@ pub fn track_on(
     let trace = follow(&mut plant, &mut told, &around, &reference_um);
     let samples = trace.sensor_um.len();
     let step = match reference {
-        Reference::Step { from_um, by_um } => Some(StepFigures::of(&trace.displacement_um, from, [*from_um, *by_um], period_s)),
+        Reference::Step { from_um, by_um } => Some(StepFigures::of(
+            &trace.displacement_um,
+            from,
+            [*from_um, *by_um],
+            period_s,
+        )),
         Reference::Periodic(_) | Reference::Points(_) => None,
     };
     let mean = |signal: Vec<f64>| signal.iter().sum::<f64>() / signal.len().max(1) as f64;
@@ -445,12 +524,24 @@ pub fn track_on(
         step,
         drive: DriveFigures::of(&trace.drive_v, from, period_s),
         sensor_lag_s: design.sensor_lag_s,
-        model_sensor_lag_s: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()).map(sensor_lag::lag_s),
+        model_sensor_lag_s: chain
+            .values(sensor_bandwidth::ID)
+            .and_then(|v| v.first().copied())
+            .map(sensor_lag::lag_s),
         noise_um,
         disturbance,
-        adapted_gain: told.servo.adaptation().map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
-        steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
-        saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
+        adapted_gain: told
+            .servo
+            .adaptation()
+            .map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
+        steady_state_um: mean(
+            (from..samples)
+                .map(|k| trace.sensor_um[k] - trace.reference_um[k])
+                .collect(),
+        ),
+        saturated_ticks: trace
+            .limited_after(from)
+            .saturating_add(trace.counters.saturated_values),
         overruns: 0,
         period_s,
         time_s: (0..samples).map(|k| k as f64 * period_s).collect(),
@@ -471,16 +562,35 @@ mod tests {
     #[test]
     fn a_step_is_settled_when_it_stays() {
         let at = 100;
-        let position = |k: usize| if k < at { 1.0 } else { 3.0 - 2.0 * (-((k - at) as f64) / 20.0).exp() };
+        let position = |k: usize| {
+            if k < at {
+                1.0
+            } else {
+                3.0 - 2.0 * (-((k - at) as f64) / 20.0).exp()
+            }
+        };
         let exponential: Vec<f64> = (0..1000).map(position).collect();
         let found = StepFigures::of(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         // Within 2 % behind 20 ln 50 = 78.2 ticks, from a tenth to nine tenths in 20 ln 9 = 43.9.
-        assert_eq!(found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(79.0));
-        assert_eq!(found.rise_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(44.0));
+        assert_eq!(
+            found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()),
+            Some(79.0)
+        );
+        assert_eq!(
+            found.rise_s.map(|s| (s / SAMPLING_PERIOD_S).round()),
+            Some(44.0)
+        );
         assert!(found.overshoot < 1e-9, "{}", found.overshoot);
-        let late: Vec<f64> = exponential.iter().enumerate().map(|(k, y)| if k == 990 { 3.1 } else { *y }).collect();
+        let late: Vec<f64> = exponential
+            .iter()
+            .enumerate()
+            .map(|(k, y)| if k == 990 { 3.1 } else { *y })
+            .collect();
         let late = StepFigures::of(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
-        assert!(late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9, "{late:?}");
+        assert!(
+            late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9,
+            "{late:?}"
+        );
     }
 
     #[test]
@@ -488,11 +598,37 @@ mod tests {
         let triangle = PeriodicReference::parse("triangle:100:3:5", SAMPLING_PERIOD_S).unwrap();
         assert_eq!(triangle.period_ticks(SAMPLING_PERIOD_S), Some(200));
         let (samples, from) = triangle.samples_um(LEAD_S, SAMPLING_PERIOD_S);
-        for (k, expected) in [(0, 2.0), (50, 5.0), (100, 8.0), (125, 6.5), (199, 2.06), (200, 2.0)] {
-            assert!((samples[from + k] - expected).abs() < 1e-9, "{k}: {}", samples[from + k]);
+        for (k, expected) in [
+            (0, 2.0),
+            (50, 5.0),
+            (100, 8.0),
+            (125, 6.5),
+            (199, 2.06),
+            (200, 2.0),
+        ] {
+            assert!(
+                (samples[from + k] - expected).abs() < 1e-9,
+                "{k}: {}",
+                samples[from + k]
+            );
         }
-        let ticks = |text: &str| PeriodicReference::parse(text, SAMPLING_PERIOD_S).unwrap().period_ticks(SAMPLING_PERIOD_S);
-        assert_eq!((ticks("sine:150:1"), ticks("sine:0.3:1"), ticks("sine:12.5:1")), (None, None, Some(1600)));
-        assert!(PeriodicReference::parse("square:100:3", SAMPLING_PERIOD_S).unwrap_err().contains("triangle:"));
+        let ticks = |text: &str| {
+            PeriodicReference::parse(text, SAMPLING_PERIOD_S)
+                .unwrap()
+                .period_ticks(SAMPLING_PERIOD_S)
+        };
+        assert_eq!(
+            (
+                ticks("sine:150:1"),
+                ticks("sine:0.3:1"),
+                ticks("sine:12.5:1")
+            ),
+            (None, None, Some(1600))
+        );
+        assert!(
+            PeriodicReference::parse("square:100:3", SAMPLING_PERIOD_S)
+                .unwrap_err()
+                .contains("triangle:")
+        );
     }
 }

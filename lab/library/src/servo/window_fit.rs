@@ -23,7 +23,12 @@ pub fn fit(period_s: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
 /// The same in a band that ends at `band_hz`, with a weight on the coefficients themselves that keeps them
 /// small.
 #[must_use]
-pub fn fit_in(period_s: f64, band_hz: f64, held_down: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
+pub fn fit_in(
+    period_s: f64,
+    band_hz: f64,
+    held_down: f64,
+    target: impl Fn(f64) -> Complex<f64>,
+) -> Vec<f64> {
     let oldest = PREVIEW_TICKS as f64 + 1.0 - WINDOW as f64;
     let nyquist = std::f64::consts::PI / period_s;
     let band = std::f64::consts::TAU * band_hz;
@@ -35,7 +40,11 @@ pub fn fit_in(period_s: f64, band_hz: f64, held_down: f64, target: impl Fn(f64) 
     for i in 1..=UPPER_POINTS {
         let omega = band + (nyquist - band) * i as f64 / UPPER_POINTS as f64;
         // Held at the value at the end of the band and fading.
-        rows.push((omega, target(band) * (1.0 - i as f64 / UPPER_POINTS as f64), UPPER_WEIGHT));
+        rows.push((
+            omega,
+            target(band) * (1.0 - i as f64 / UPPER_POINTS as f64),
+            UPPER_WEIGHT,
+        ));
     }
     // The constant counts most: a steady reference must be met to the last digit.
     rows.push((0.0, target(0.0), 1e3));
@@ -54,7 +63,10 @@ pub fn fit_in(period_s: f64, band_hz: f64, held_down: f64, target: impl Fn(f64) 
         b[2 * k] = weight * value.re;
         b[2 * k + 1] = weight * value.im;
     }
-    a.svd(true, true).solve(&b, 1e-13).map(|v| v.as_slice().to_vec()).unwrap_or_else(|_| vec![0.0; WINDOW])
+    a.svd(true, true)
+        .solve(&b, 1e-13)
+        .map(|v| v.as_slice().to_vec())
+        .unwrap_or_else(|_| vec![0.0; WINDOW])
 }
 
 #[cfg(test)]
@@ -67,8 +79,11 @@ mod tests {
         let f = fit(period_s, |w| Complex::new(0.0, w * period_s));
         for hz in [1.0, 50.0, 150.0, 500.0] {
             let w = std::f64::consts::TAU * hz;
-            let response: Complex<f64> =
-                f.iter().enumerate().map(|(i, c)| Complex::from_polar(1.0, w * period_s * (i as f64 - 7.0)) * *c).sum();
+            let response: Complex<f64> = f
+                .iter()
+                .enumerate()
+                .map(|(i, c)| Complex::from_polar(1.0, w * period_s * (i as f64 - 7.0)) * *c)
+                .sum();
             // Of a 5 um reference: below 0.05 nm per sample, a tenth of what integers may differ from f64.
             let error_um = 5.0 * (response - Complex::new(0.0, w * period_s)).norm();
             assert!(error_um < 5e-5, "{hz} Hz: {error_um} um");

@@ -16,32 +16,72 @@ fn in_nm(um: f64) -> String {
 pub fn step(step: &StepFigures) -> String {
     let settled = match step.settling_s {
         Some(s) => format!("settles to {:.0} % in {:.2} ms", 100.0 * SETTLED, 1e3 * s),
-        None => format!("does not settle to {:.0} %, {}", 100.0 * SETTLED, in_nm(SETTLED * step.by_um.abs())),
+        None => format!(
+            "does not settle to {:.0} %, {}",
+            100.0 * SETTLED,
+            in_nm(SETTLED * step.by_um.abs())
+        ),
     };
-    let rise = step.rise_s.map_or_else(String::new, |s| format!(", rises in {:.2} ms", 1e3 * s));
-    format!("{settled}{rise}, overshoots by {:.1} %", 100.0 * step.overshoot)
+    let rise = step
+        .rise_s
+        .map_or_else(String::new, |s| format!(", rises in {:.2} ms", 1e3 * s));
+    format!(
+        "{settled}{rise}, overshoots by {:.1} %",
+        100.0 * step.overshoot
+    )
 }
 
 /// What the servo does on other plants: each line with its word in front.
 #[must_use]
 pub fn band(band: &PlantBand) -> Vec<[String; 2]> {
     let range = |[least, most]: [f64; 2]| format!("{:.2} to {}", 1e3 * least, in_nm(most));
-    let (rms, max, plants) = (range(band.rms_um()), range(band.max_um()), band.members.len());
-    let mut said = vec![["band".into(), format!("true RMS {rms}, max {max}, over {plants} plants")]];
+    let (rms, max, plants) = (
+        range(band.rms_um()),
+        range(band.max_um()),
+        band.members.len(),
+    );
+    let mut said = vec![[
+        "band".into(),
+        format!("true RMS {rms}, max {max}, over {plants} plants"),
+    ]];
     if let Some(worst) = band.worst() {
-        said.push(["worst".into(), format!("{}: RMS {}, max {}", worst.plant, in_nm(worst.truth.rms_um), in_nm(worst.truth.max_um))]);
+        said.push([
+            "worst".into(),
+            format!(
+                "{}: RMS {}, max {}",
+                worst.plant,
+                in_nm(worst.truth.rms_um),
+                in_nm(worst.truth.max_um)
+            ),
+        ]);
     }
     let settling: Vec<f64> = band.members.iter().filter_map(|m| m.settling_s).collect();
     let (low, high) = extremes(&settling);
     if low < high {
         let unsettled = band.members.len() - settling.len();
-        let rest = if unsettled > 0 { format!("; {unsettled} plants do not settle") } else { String::new() };
-        said.push(["settling".into(), format!("time over them {:.2} to {:.2} ms{rest}", 1e3 * low, 1e3 * high)]);
+        let rest = if unsettled > 0 {
+            format!("; {unsettled} plants do not settle")
+        } else {
+            String::new()
+        };
+        said.push([
+            "settling".into(),
+            format!(
+                "time over them {:.2} to {:.2} ms{rest}",
+                1e3 * low,
+                1e3 * high
+            ),
+        ]);
     }
     if !band.with_covariance {
         said.push(["note".into(), "the model file has no covariance of its values: gain, modes and loops are varied alone".into()]);
     }
-    said.extend(band.members.iter().skip(1).filter_map(|m| Some([m.plant.clone(), m.trouble.clone()?])));
+    said.extend(
+        band.members
+            .iter()
+            .skip(1)
+            .filter_map(|m| Some([m.plant.clone(), m.trouble.clone()?])),
+    );
     said
 }
 
@@ -70,25 +110,47 @@ pub fn sensor_lag(undone_s: Option<f64>, of_sensor_s: Option<f64>) -> Option<Str
 
 /// A first unstable factor of the gain, rounded away from what is stable, and in decibels.
 fn gain_factor(value: f64, upwards: bool) -> String {
-    format!("x {} ({:.1} dB)", unstable_from(value, 2, upwards), decibels(value))
+    format!(
+        "x {} ({:.1} dB)",
+        unstable_from(value, 2, upwards),
+        decibels(value)
+    )
 }
 
 /// First unstable values as factors and amounts: `gain x 1.83 (5.2 dB), mass x 0.38 or x 2.05`.
-fn first_values(gain: [Option<f64>; 2], mass: [Option<f64>; 2], delay_s: Option<f64>) -> Vec<String> {
+fn first_values(
+    gain: [Option<f64>; 2],
+    mass: [Option<f64>; 2],
+    delay_s: Option<f64>,
+) -> Vec<String> {
     let factors = |name: &str, values: [Option<f64>; 2], shown: &dyn Fn(f64, bool) -> String| {
-        let shown: Vec<String> = values.iter().zip([false, true]).filter_map(|(v, upwards)| v.map(|v| shown(v, upwards))).collect();
+        let shown: Vec<String> = values
+            .iter()
+            .zip([false, true])
+            .filter_map(|(v, upwards)| v.map(|v| shown(v, upwards)))
+            .collect();
         (!shown.is_empty()).then(|| format!("{name} {}", shown.join(" or ")))
     };
     let mass_factor = |value: f64, upwards: bool| format!("x {}", unstable_from(value, 2, upwards));
     let delay = delay_s.map(|s| format!("{} us more of delay", unstable_from(1e6 * s, 1, true)));
-    [factors("gain", gain, &gain_factor), factors("mass", mass, &mass_factor), delay].into_iter().flatten().collect()
+    [
+        factors("gain", gain, &gain_factor),
+        factors("mass", mass, &mass_factor),
+        delay,
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// Margins, one sentence a line.
 #[must_use]
 pub fn margins(m: &LoopMargins) -> Vec<String> {
     let value = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
-        value.map_or_else(|| "none found".to_owned(), |v| format!("{:.digits$}{unit}", scale * v))
+        value.map_or_else(
+            || "none found".to_owned(),
+            |v| format!("{:.digits$}{unit}", scale * v),
+        )
     };
     let first = &m.first_unstable;
     let [least, mean, most] = m.gain_ratio;
@@ -110,7 +172,11 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             m.sensitivity_peak_hz,
             m.noise_transmission
         ));
-        let mut beyond = first_values([first.gain_down, first.gain_up], [first.mass_down, first.mass_up], first.delay_s);
+        let mut beyond = first_values(
+            [first.gain_down, first.gain_up],
+            [first.mass_down, first.mass_up],
+            first.delay_s,
+        );
         beyond.extend(first.mode.map(|u| {
             format!(
                 "an unknown mode with {} % of the motion at {:.0} Hz (damping {})",
@@ -123,7 +189,11 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             lines.push(format!("unstable beyond {}", beyond.join(", ")));
         }
         if first.mode.is_none() {
-            let whichever = if m.with_recording { "that the recording leaves possible" } else { "that was tried" };
+            let whichever = if m.with_recording {
+                "that the recording leaves possible"
+            } else {
+                "that was tried"
+            };
             lines.push(format!("no unknown mode {whichever} makes it unstable"));
         }
         let sooner = |limited: Option<f64>, free: Option<f64>| match (limited, free) {
@@ -133,10 +203,17 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
         };
         // Of first values those that come before the ones of a free drive.
         let before = |these: &FirstUnstable| -> Option<String> {
-            let kept = |these: Option<f64>, free: Option<f64>| these.filter(|_| sooner(these, free));
+            let kept =
+                |these: Option<f64>, free: Option<f64>| these.filter(|_| sooner(these, free));
             let differing = first_values(
-                [kept(these.gain_down, first.gain_down), kept(these.gain_up, first.gain_up)],
-                [kept(these.mass_down, first.mass_down), kept(these.mass_up, first.mass_up)],
+                [
+                    kept(these.gain_down, first.gain_down),
+                    kept(these.gain_up, first.gain_up),
+                ],
+                [
+                    kept(these.mass_down, first.mass_down),
+                    kept(these.mass_up, first.mass_up),
+                ],
                 kept(these.delay_s, first.delay_s),
             );
             (!differing.is_empty()).then(|| differing.join(", "))
@@ -156,12 +233,18 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
 /// Whether a servo holds for the plants that a design for this actuator has to hold for.
 #[must_use]
 pub fn on_plants(found: &OnPlants) -> String {
-    let of = format!("the {} plants of a design and every missing response that is left possible", found.plants);
+    let of = format!(
+        "the {} plants of a design and every missing response that is left possible",
+        found.plants
+    );
     match &found.broken {
         Some(broken) => format!("does not hold for {of}: {broken}"),
         None => {
             let (share, hz) = found.missing_response;
-            format!("holds for {of}; nearest to its limit with one at {hz:.0} Hz ({:.0} % of what it can stand)", 100.0 * share)
+            format!(
+                "holds for {of}; nearest to its limit with one at {hz:.0} Hz ({:.0} % of what it can stand)",
+                100.0 * share
+            )
         }
     }
 }
@@ -172,8 +255,19 @@ mod tests {
 
     #[test]
     fn first_unstable_values_are_factors_and_decibels() {
-        let said = first_values([None, Some(1.8291)], [Some(0.3889), Some(2.045)], Some(70.73e-6)).join(", ");
-        assert_eq!(said, "gain x 1.83 (5.2 dB), mass x 0.38 or x 2.05, 70.8 us more of delay");
-        assert_eq!(first_values([Some(0.25), Some(4.0)], [None, None], None), ["gain x 0.25 (-12.0 dB) or x 4.00 (12.0 dB)"]);
+        let said = first_values(
+            [None, Some(1.8291)],
+            [Some(0.3889), Some(2.045)],
+            Some(70.73e-6),
+        )
+        .join(", ");
+        assert_eq!(
+            said,
+            "gain x 1.83 (5.2 dB), mass x 0.38 or x 2.05, 70.8 us more of delay"
+        );
+        assert_eq!(
+            first_values([Some(0.25), Some(4.0)], [None, None], None),
+            ["gain x 0.25 (-12.0 dB) or x 4.00 (12.0 dB)"]
+        );
     }
 }

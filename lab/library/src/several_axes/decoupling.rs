@@ -96,11 +96,15 @@ const GAIN_STEP: f64 = 0.9;
 const GAIN_STEPS: usize = 160;
 
 fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
-    DMatrix::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])
+    DMatrix::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| {
+        rows[i][j]
+    })
 }
 
 fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
-    (0..matrix.nrows()).map(|i| matrix.row(i).iter().copied().collect()).collect()
+    (0..matrix.nrows())
+        .map(|i| matrix.row(i).iter().copied().collect())
+        .collect()
 }
 
 /// Response of all sensors to all drives at a frequency, from sample to sample; `gains` has that of each
@@ -116,32 +120,52 @@ fn response(stage: &ModalStage, gains: &[f64], hz: f64, dt_s: f64) -> DMatrix<Co
             .iter()
             .map(|mode| {
                 let ratio = hz / mode.frequency_hz;
-                held * (mode.of_sensors[i] * mode.of_drives[j]) / Complex::new(1.0 - ratio * ratio, 2.0 * mode.damping_ratio * ratio)
+                held * (mode.of_sensors[i] * mode.of_drives[j])
+                    / Complex::new(1.0 - ratio * ratio, 2.0 * mode.damping_ratio * ratio)
             })
             .sum();
         let at_once = later(dt_s) * stage.feedthrough[i][j];
-        (of_modes + at_once) * later(stage.drives[j].delay_s) * gains[j] / Complex::new(1.0, turn * stage.sensors[i].lag_s)
+        (of_modes + at_once) * later(stage.drives[j].delay_s) * gains[j]
+            / Complex::new(1.0, turn * stage.sensors[i].lag_s)
     })
 }
 
 /// Gain of every drive's hysteresis for small and for large motions.
 fn gain_sets(stage: &ModalStage) -> [Vec<f64>; 2] {
     let large = |plays: &[[f64; 2]]| 1.0 + plays.iter().map(|play| play[1]).sum::<f64>();
-    [vec![1.0; stage.drives.len()], stage.drives.iter().map(|drive| large(&drive.plays)).collect()]
+    [
+        vec![1.0; stage.drives.len()],
+        stage
+            .drives
+            .iter()
+            .map(|drive| large(&drive.plays))
+            .collect(),
+    ]
 }
 
 fn frequencies(dt_s: f64) -> impl Iterator<Item = f64> {
-    (0..FREQUENCIES).map(move |n| LOWEST.powf(1.0 - n as f64 / (FREQUENCIES - 1) as f64) * 0.4999 / dt_s)
+    (0..FREQUENCIES)
+        .map(move |n| LOWEST.powf(1.0 - n as f64 / (FREQUENCIES - 1) as f64) * 0.4999 / dt_s)
 }
 
 impl ChannelController {
     fn new(notch_hz: f64, damping: f64, dt_s: f64) -> Self {
         // The bilinear transform, exact at the notch.
         let k = (PI * notch_hz * dt_s).min(1.5).tan();
-        let side = |damping: f64| [1.0 + 2.0 * damping * k + k * k, 2.0 * (k * k - 1.0), 1.0 - 2.0 * damping * k + k * k];
+        let side = |damping: f64| {
+            [
+                1.0 + 2.0 * damping * k + k * k,
+                2.0 * (k * k - 1.0),
+                1.0 - 2.0 * damping * k + k * k,
+            ]
+        };
         let (zeros, poles) = (side(damping), side(NOTCH_DAMPING.max(damping)));
         let scaled = |side: [f64; 3]| side.map(|c| c / poles[0]);
-        Self { integral_per_s: 0.0, notch_hz, notch: [scaled(zeros), scaled(poles)] }
+        Self {
+            integral_per_s: 0.0,
+            notch_hz,
+            notch: [scaled(zeros), scaled(poles)],
+        }
     }
 
     /// Response with the gain as it is and the delay of one period.
@@ -172,43 +196,75 @@ impl AxesServo {
     /// A stage that has fewer sensors or modes than drives, or whose channels cannot be decoupled.
     pub fn design(stage: &ModalStage, decoupling: Decoupling, dt_s: f64) -> Result<Self> {
         let (drives, sensors) = (stage.drives.len(), stage.sensors.len());
-        let wrong = |what: String| Err(Error::Servo(format!("{} decoupling: {what}", decoupling.name())));
+        let wrong = |what: String| {
+            Err(Error::Servo(format!(
+                "{} decoupling: {what}",
+                decoupling.name()
+            )))
+        };
         if drives != sensors {
-            return wrong(format!("{drives} drives and {sensors} sensors; expected as many of both"));
+            return wrong(format!(
+                "{drives} drives and {sensors} sensors; expected as many of both"
+            ));
         }
         let largest = |shares: &[f64]| shares.iter().fold(0.0_f64, |m, share| m.max(share.abs()));
-        let moves = |r: usize| largest(&stage.modes[r].of_drives) * largest(&stage.modes[r].of_sensors);
+        let moves =
+            |r: usize| largest(&stage.modes[r].of_drives) * largest(&stage.modes[r].of_sensors);
         let mut modes: Vec<usize> = (0..stage.modes.len()).collect();
         modes.sort_by(|a, b| moves(*b).total_cmp(&moves(*a)));
         modes.truncate(drives);
         modes.sort_unstable();
         let (to_drives, from_sensors) = match decoupling {
-            Decoupling::Static => (matrix(&stage.static_gain()).try_inverse(), Some(DMatrix::identity(sensors, sensors))),
+            Decoupling::Static => (
+                matrix(&stage.static_gain()).try_inverse(),
+                Some(DMatrix::identity(sensors, sensors)),
+            ),
             Decoupling::Modal => {
                 if modes.len() < drives {
-                    return wrong(format!("{} modes for {drives} drives; expected as many", modes.len()));
+                    return wrong(format!(
+                        "{} modes for {drives} drives; expected as many",
+                        modes.len()
+                    ));
                 }
-                let by_drive = DMatrix::from_fn(drives, drives, |r, j| stage.modes[modes[r]].of_drives[j]);
-                let by_sensor = DMatrix::from_fn(sensors, drives, |i, r| stage.modes[modes[r]].of_sensors[i]);
+                let by_drive =
+                    DMatrix::from_fn(drives, drives, |r, j| stage.modes[modes[r]].of_drives[j]);
+                let by_sensor =
+                    DMatrix::from_fn(sensors, drives, |i, r| stage.modes[modes[r]].of_sensors[i]);
                 (by_drive.try_inverse(), by_sensor.try_inverse())
             }
         };
         let (Some(to_drives), Some(from_sensors)) = (to_drives, from_sensors) else {
             return wrong("two drives or two sensors do the same".into());
         };
-        let mut servo = Self { decoupling, dt_s, to_drives: rows(&to_drives), from_sensors: rows(&from_sensors), channels: Vec::new() };
+        let mut servo = Self {
+            decoupling,
+            dt_s,
+            to_drives: rows(&to_drives),
+            from_sensors: rows(&from_sensors),
+            channels: Vec::new(),
+        };
         for channel in 0..drives {
             // The mode that this channel moves most.
             let in_channel = |r: &usize| -> f64 {
-                let by_drives: f64 = (0..drives).map(|j| stage.modes[*r].of_drives[j] * to_drives[(j, channel)]).sum();
-                let by_sensors: f64 = (0..sensors).map(|i| from_sensors[(channel, i)] * stage.modes[*r].of_sensors[i]).sum();
+                let by_drives: f64 = (0..drives)
+                    .map(|j| stage.modes[*r].of_drives[j] * to_drives[(j, channel)])
+                    .sum();
+                let by_sensors: f64 = (0..sensors)
+                    .map(|i| from_sensors[(channel, i)] * stage.modes[*r].of_sensors[i])
+                    .sum();
                 (by_drives * by_sensors).abs()
             };
-            let Some(mode) = (0..stage.modes.len()).max_by(|a, b| in_channel(a).total_cmp(&in_channel(b))) else {
+            let Some(mode) =
+                (0..stage.modes.len()).max_by(|a, b| in_channel(a).total_cmp(&in_channel(b)))
+            else {
                 return wrong("no mode; expected at least one".into());
             };
             let mode = &stage.modes[mode];
-            servo.channels.push(ChannelController::new(mode.frequency_hz, mode.damping_ratio, dt_s));
+            servo.channels.push(ChannelController::new(
+                mode.frequency_hz,
+                mode.damping_ratio,
+                dt_s,
+            ));
             servo.tune(stage, channel, mode.frequency_hz);
         }
         for _ in 0..GAIN_STEPS {
@@ -216,7 +272,10 @@ impl AxesServo {
             if check.spectral_radius < 1.0 && check.sensitivity_peak <= SENSITIVITY_MAX {
                 return Ok(servo);
             }
-            servo.channels.iter_mut().for_each(|channel| channel.integral_per_s *= GAIN_STEP);
+            servo
+                .channels
+                .iter_mut()
+                .for_each(|channel| channel.integral_per_s *= GAIN_STEP);
         }
         wrong("no gain keeps the loop stable as a whole".into())
     }
@@ -245,7 +304,9 @@ impl AxesServo {
             // encircles.
             let peak = plant
                 .iter()
-                .map(|(hz, plant)| 1.0 / (Complex::from(1.0) + plant * controller.response(*hz, self.dt_s)).norm())
+                .map(|(hz, plant)| {
+                    1.0 / (Complex::from(1.0) + plant * controller.response(*hz, self.dt_s)).norm()
+                })
                 .fold(0.0_f64, f64::max);
             let beyond = plant.iter().any(|(hz, plant)| {
                 let open = plant * controller.response(*hz, self.dt_s);
@@ -261,18 +322,30 @@ impl AxesServo {
     /// Checks the loop around a stage as a whole; the worse of small and large motions.
     #[must_use]
     pub fn check(&self, stage: &ModalStage) -> WholeCheck {
-        let (to_drives, from_sensors) = (matrix(&self.to_drives).map(Complex::from), matrix(&self.from_sensors).map(Complex::from));
-        let mut worst = WholeCheck { spectral_radius: 0.0, sensitivity_peak: 0.0 };
+        let (to_drives, from_sensors) = (
+            matrix(&self.to_drives).map(Complex::from),
+            matrix(&self.from_sensors).map(Complex::from),
+        );
+        let mut worst = WholeCheck {
+            spectral_radius: 0.0,
+            sensitivity_peak: 0.0,
+        };
         for gains in gain_sets(stage) {
             let closed = self.closed_matrix(stage, &gains);
-            let radius = closed.complex_eigenvalues().iter().fold(0.0_f64, |m, z| m.max(z.norm()));
+            let radius = closed
+                .complex_eigenvalues()
+                .iter()
+                .fold(0.0_f64, |m, z| m.max(z.norm()));
             worst.spectral_radius = worst.spectral_radius.max(radius);
             for hz in frequencies(self.dt_s) {
                 let channels = DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
                     self.channels.len(),
-                    self.channels.iter().map(|channel| channel.response(hz, self.dt_s)),
+                    self.channels
+                        .iter()
+                        .map(|channel| channel.response(hz, self.dt_s)),
                 ));
-                let open = &from_sensors * response(stage, &gains, hz, self.dt_s) * &to_drives * channels;
+                let open =
+                    &from_sensors * response(stage, &gains, hz, self.dt_s) * &to_drives * channels;
                 let back = DMatrix::identity(open.nrows(), open.ncols()) + open;
                 let smallest = back.singular_values().min();
                 worst.sensitivity_peak = worst.sensitivity_peak.max(1.0 / smallest.max(1e-12));
@@ -285,19 +358,31 @@ impl AxesServo {
     /// unit of one state becomes.
     fn closed_matrix(&self, stage: &ModalStage, gains: &[f64]) -> DMatrix<f64> {
         let (modes, sensors) = (stage.modes.len(), stage.sensors.len());
-        let whole_periods = |j: usize| (stage.drives[j].delay_s / self.dt_s).max(0.0).floor() as usize;
+        let whole_periods =
+            |j: usize| (stage.drives[j].delay_s / self.dt_s).max(0.0).floor() as usize;
         // A drive's values: as many as its delay has periods, and two.
-        let history: Vec<usize> = (0..stage.drives.len()).map(|j| whole_periods(j) + 2).collect();
+        let history: Vec<usize> = (0..stage.drives.len())
+            .map(|j| whole_periods(j) + 2)
+            .collect();
         let of_history: usize = history.iter().sum();
         let states = 2 * modes + of_history + 2 * sensors + STATES * self.channels.len();
-        let switching: Vec<f64> = stage.drives.iter().map(|drive| drive.switches_at(self.dt_s)).collect();
-        let linear = |mode: &hysteron_sim::several_axes::StageMode| hysteron_sim::several_axes::StageMode {
-            friction: None,
-            quadratic: 0.0,
-            cubic: 0.0,
-            ..mode.clone()
-        };
-        let motions: Vec<ModalMotion> = stage.modes.iter().map(|mode| ModalMotion::new(&linear(mode), &switching, self.dt_s)).collect();
+        let switching: Vec<f64> = stage
+            .drives
+            .iter()
+            .map(|drive| drive.switches_at(self.dt_s))
+            .collect();
+        let linear =
+            |mode: &hysteron_sim::several_axes::StageMode| hysteron_sim::several_axes::StageMode {
+                friction: None,
+                quadratic: 0.0,
+                cubic: 0.0,
+                ..mode.clone()
+            };
+        let motions: Vec<ModalMotion> = stage
+            .modes
+            .iter()
+            .map(|mode| ModalMotion::new(&linear(mode), &switching, self.dt_s))
+            .collect();
         let step = |x: &[f64]| -> Vec<f64> {
             let mut next = vec![0.0; states];
             let mut at = 2 * modes;
@@ -305,15 +390,25 @@ impl AxesServo {
             let mut before = Vec::new();
             for (j, length) in history.iter().enumerate() {
                 let values = &x[at..at + length];
-                acting.push(Held { early: gains[j] * values[length - 1], late: gains[j] * values[length - 2] });
+                acting.push(Held {
+                    early: gains[j] * values[length - 1],
+                    late: gains[j] * values[length - 2],
+                });
                 before.push(gains[j] * values[length - 1]);
                 next[at + 1..at + length].copy_from_slice(&values[..length - 1]);
                 at += length;
             }
             let mut readings = vec![0.0; sensors];
             for i in 0..sensors {
-                let of_modes: f64 = (0..modes).map(|r| stage.modes[r].of_sensors[i] * x[2 * r]).sum();
-                let now = of_modes + stage.feedthrough[i].iter().zip(&before).map(|(share, w)| share * w).sum::<f64>();
+                let of_modes: f64 = (0..modes)
+                    .map(|r| stage.modes[r].of_sensors[i] * x[2 * r])
+                    .sum();
+                let now = of_modes
+                    + stage.feedthrough[i]
+                        .iter()
+                        .zip(&before)
+                        .map(|(share, w)| share * w)
+                        .sum::<f64>();
                 let [input, output] = [x[at + 2 * i], x[at + 2 * i + 1]];
                 readings[i] = stage.sensors[i].after(input, output, now, self.dt_s);
                 (next[at + 2 * i], next[at + 2 * i + 1]) = (now, readings[i]);
@@ -352,7 +447,14 @@ impl AxesServo {
 
     /// Moves one axis by a sine of so many turns after as many of waiting, on a stage with all its effects.
     #[must_use]
-    pub fn track(&self, stage: &ModalStage, axis: usize, amplitude: f64, hz: f64, turns: f64) -> AxesTrack {
+    pub fn track(
+        &self,
+        stage: &ModalStage,
+        axis: usize,
+        amplitude: f64,
+        hz: f64,
+        turns: f64,
+    ) -> AxesTrack {
         let sensors = stage.sensors.len();
         let mut run = StageRun::new(stage, self.dt_s);
         let mut states = vec![vec![0.0; STATES]; self.channels.len()];
@@ -363,9 +465,14 @@ impl AxesServo {
         for k in 0..samples {
             let readings = run.readings();
             let reference = amplitude * (TAU * hz * k as f64 * self.dt_s).sin();
-            let errors: Vec<f64> = (0..sensors).map(|i| if i == axis { reference } else { 0.0 } - readings[i]).collect();
+            let errors: Vec<f64> = (0..sensors)
+                .map(|i| if i == axis { reference } else { 0.0 } - readings[i])
+                .collect();
             if k >= samples / 2 {
-                squares.iter_mut().zip(&errors).for_each(|(sum, e)| *sum += e * e);
+                squares
+                    .iter_mut()
+                    .zip(&errors)
+                    .for_each(|(sum, e)| *sum += e * e);
                 of_reference += reference * reference;
             }
             // What was computed a period ago acts now.
@@ -375,13 +482,30 @@ impl AxesServo {
                 .iter()
                 .zip(&self.from_sensors)
                 .zip(&mut states)
-                .map(|((channel, row), state)| channel.step(state, row.iter().zip(&errors).map(|(a, e)| a * e).sum(), self.dt_s))
+                .map(|((channel, row), state)| {
+                    channel.step(
+                        state,
+                        row.iter().zip(&errors).map(|(a, e)| a * e).sum(),
+                        self.dt_s,
+                    )
+                })
                 .collect();
-            drives = self.to_drives.iter().map(|row| row.iter().zip(&given).map(|(a, v)| a * v).sum()).collect();
+            drives = self
+                .to_drives
+                .iter()
+                .map(|row| row.iter().zip(&given).map(|(a, v)| a * v).sum())
+                .collect();
         }
         let share = |i: usize| (squares[i] / of_reference.max(f64::MIN_POSITIVE)).sqrt();
-        let crosstalk = (0..sensors).filter(|i| *i != axis).map(share).fold(0.0_f64, f64::max);
-        AxesTrack { own: share(axis), crosstalk, finite: share(axis).is_finite() && crosstalk.is_finite() && share(axis) < 1e3 }
+        let crosstalk = (0..sensors)
+            .filter(|i| *i != axis)
+            .map(share)
+            .fold(0.0_f64, f64::max);
+        AxesTrack {
+            own: share(axis),
+            crosstalk,
+            finite: share(axis).is_finite() && crosstalk.is_finite() && share(axis) < 1e3,
+        }
     }
 }
 
@@ -409,7 +533,10 @@ mod tests {
         assert!(servo.check(&stage).spectral_radius < 1.0);
         assert!(servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
         // With thirty times the gain the loop runs away, and the eigenvalues show it.
-        servo.channels.iter_mut().for_each(|channel| channel.integral_per_s *= 30.0);
+        servo
+            .channels
+            .iter_mut()
+            .for_each(|channel| channel.integral_per_s *= 30.0);
         assert!(servo.check(&stage).spectral_radius > 1.0);
         assert!(!servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
     }

@@ -33,7 +33,13 @@ pub struct AxesPolicy {
 
 impl Default for AxesPolicy {
     fn default() -> Self {
-        Self { p_value: 1.35e-3, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
+        Self {
+            p_value: 1.35e-3,
+            least_share: 0.01,
+            at_the_noise: 1.02,
+            fitted: 4,
+            effects_max: 60,
+        }
     }
 }
 
@@ -119,18 +125,40 @@ const FALL_OF_LAST: f64 = 1e-4;
 ///
 /// # Errors
 /// When the watch stops it.
-pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn Watch) -> Result<AxesFound> {
+pub fn find(
+    data: &AxesData,
+    start: &Described,
+    policy: &AxesPolicy,
+    watch: &dyn Watch,
+) -> Result<AxesFound> {
     let problem = Problem::new(data);
-    let search = Search { problem: &problem, policy, watch };
+    let search = Search {
+        problem: &problem,
+        policy,
+        watch,
+    };
     let mut model = problem.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
     let given = model.effects.len();
     let mut judged = problem.judged(&model.stage);
     let mut steps = Vec::new();
-    while model.effects.len() < policy.effects_max && !search.at_the_noise(&judged) && !watch.searched_enough() {
-        let names: Vec<String> = steps.iter().map(|step: &Joined| step.named.clone()).collect();
-        let Some((effect, next, next_judged)) = search.step(&model, &judged, &names)? else { break };
+    while model.effects.len() < policy.effects_max
+        && !search.at_the_noise(&judged)
+        && !watch.searched_enough()
+    {
+        let names: Vec<String> = steps
+            .iter()
+            .map(|step: &Joined| step.named.clone())
+            .collect();
+        let Some((effect, next, next_judged)) = search.step(&model, &judged, &names)? else {
+            break;
+        };
         let (before, after) = (rms(&judged), rms(&next_judged));
-        steps.push(Joined { effect, named: effect.named(&next.stage, data), before, after });
+        steps.push(Joined {
+            effect,
+            named: effect.named(&next.stage, data),
+            before,
+            after,
+        });
         (model, judged) = (next, next_judged);
     }
     model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
@@ -156,7 +184,11 @@ fn rms(judged: &[f64]) -> f64 {
 /// the same place count together, so that all flips can be tried.
 fn by_chance(better: &[f64], worse: &[f64]) -> f64 {
     let mut differences = [0.0; STRETCHES];
-    worse.iter().zip(better).enumerate().for_each(|(n, (w, b))| differences[n % STRETCHES] += w - b);
+    worse
+        .iter()
+        .zip(better)
+        .enumerate()
+        .for_each(|(n, (w, b))| differences[n % STRETCHES] += w - b);
     let observed: f64 = differences.iter().sum();
     // One flip after the other, in the order of Gray's code. What rounding leaves of a sum is no fall.
     let least = observed - 1e-9 * differences.iter().map(|d| d.abs()).sum::<f64>();
@@ -186,30 +218,55 @@ impl Search<'_> {
     /// is judged by flipping signs: a beat of two drives makes the errors of a few stretches a hundred
     /// times those of the others, which no standard error describes.
     fn is_better(&self, better: &[f64], worse: &[f64]) -> bool {
-        rms(better) < (1.0 - self.policy.least_share) * rms(worse) && by_chance(better, worse) < self.policy.p_value
+        rms(better) < (1.0 - self.policy.least_share) * rms(worse)
+            && by_chance(better, worse) < self.policy.p_value
     }
 
     /// The candidate that lowers the held-out error most, fitted; none if none does.
-    fn step(&self, model: &Described, judged: &[f64], beside: &[String]) -> Result<Option<(AxisEffect, Described, Vec<f64>)>> {
+    fn step(
+        &self,
+        model: &Described,
+        judged: &[f64],
+        beside: &[String],
+    ) -> Result<Option<(AxisEffect, Described, Vec<f64>)>> {
         if self.watch.stopped() {
             return Err(Error::Stopped);
         }
         let candidates = self.candidates(model);
-        self.watch.event(&WatchEvent::Scoring { candidates: candidates.len(), beside });
+        self.watch.event(&WatchEvent::Scoring {
+            candidates: candidates.len(),
+            beside,
+        });
         let fitted = self.fitted(self.scored(model, &candidates), self.policy.fitted);
-        let better: Vec<_> = fitted.into_iter().filter(|(_, _, with)| self.is_better(with, judged)).collect();
-        let Some(lowest) = better.iter().min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2))).map(|best| best.2.clone()) else { return Ok(None) };
+        let better: Vec<_> = fitted
+            .into_iter()
+            .filter(|(_, _, with)| self.is_better(with, judged))
+            .collect();
+        let Some(lowest) = better
+            .iter()
+            .min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2)))
+            .map(|best| best.2.clone())
+        else {
+            return Ok(None);
+        };
         // Of those that are as good, the one with the fewest numbers.
-        let as_good = better.into_iter().filter(|(_, _, with)| !self.is_better(&lowest, with));
-        Ok(as_good
-            .min_by(|a, b| (a.1.parameters(), rms(&a.2)).partial_cmp(&(b.1.parameters(), rms(&b.2))).unwrap_or(std::cmp::Ordering::Equal)))
+        let as_good = better
+            .into_iter()
+            .filter(|(_, _, with)| !self.is_better(&lowest, with));
+        Ok(as_good.min_by(|a, b| {
+            (a.1.parameters(), rms(&a.2))
+                .partial_cmp(&(b.1.parameters(), rms(&b.2)))
+                .unwrap_or(std::cmp::Ordering::Equal)
+        }))
     }
 
     /// The best candidates by their linearised falls, fitted, with what judges them.
     fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<(AxisEffect, Described, Vec<f64>)> {
         let best: Vec<Scored> = scored.into_iter().take(count).collect();
         parallel::map(&best, |scored| {
-            let fitted = self.problem.fit(&scored.start, STEPS_OF_SEARCH, FALL_OF_SEARCH);
+            let fitted = self
+                .problem
+                .fit(&scored.start, STEPS_OF_SEARCH, FALL_OF_SEARCH);
             let judged = self.problem.judged(&fitted.stage);
             (scored.candidate.effect, fitted, judged)
         })
@@ -217,17 +274,25 @@ impl Search<'_> {
 
     /// Takes every effect out once: removes those without which the error is no larger, and finds what does
     /// as well in the place of the others.
-    fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<AxisFinding>)> {
+    fn question(
+        &self,
+        mut model: Described,
+        given: usize,
+    ) -> Result<(Described, Vec<AxisFinding>)> {
         loop {
             let judged = self.problem.judged(&model.stage);
             let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
             let without = parallel::map(&effects, |effect| {
-                let fitted = self.problem.fit(&model.without(*effect), STEPS_OF_SEARCH, FALL_OF_SEARCH);
+                let fitted =
+                    self.problem
+                        .fit(&model.without(*effect), STEPS_OF_SEARCH, FALL_OF_SEARCH);
                 let without = self.problem.judged(&fitted.stage);
                 (fitted, without)
             });
             // The one that is missed least goes first: another one may take its place.
-            let idle = without.iter().filter(|(_, without)| !self.is_better(&judged, without));
+            let idle = without
+                .iter()
+                .filter(|(_, without)| !self.is_better(&judged, without));
             if let Some((fitted, _)) = idle.min_by(|a, b| rms(&a.1).total_cmp(&rms(&b.1))) {
                 model = fitted.clone();
                 continue;
@@ -250,44 +315,90 @@ impl Search<'_> {
     }
 
     /// Single effects that do as well as `effect` beside the rest of the model.
-    fn instead(&self, effect: AxisEffect, judged: &[f64], model: &Described, without: &Described) -> Vec<(AxisEffect, String)> {
+    fn instead(
+        &self,
+        effect: AxisEffect,
+        judged: &[f64],
+        model: &Described,
+        without: &Described,
+    ) -> Vec<(AxisEffect, String)> {
         // Another mode that the same drive moves at the same sensor is the same effect.
         let same = |other: AxisEffect| match (effect, other) {
-            (AxisEffect::Vibration { drive, sensor, .. }, AxisEffect::Vibration { drive: d, sensor: s, .. }) => (drive, sensor) == (d, s),
+            (
+                AxisEffect::Vibration { drive, sensor, .. },
+                AxisEffect::Vibration {
+                    drive: d,
+                    sensor: s,
+                    ..
+                },
+            ) => (drive, sensor) == (d, s),
             _ => effect == other,
         };
         // Where a mode goes, what stands on it goes too: no single effect replaces all of them.
         if model.effects.len() != without.effects.len() + 1 {
             return Vec::new();
         }
-        let candidates: Vec<Candidate> = self.candidates(without).into_iter().filter(|candidate| !same(candidate.effect)).collect();
+        let candidates: Vec<Candidate> = self
+            .candidates(without)
+            .into_iter()
+            .filter(|candidate| !same(candidate.effect))
+            .collect();
         let fitted = self.fitted(self.scored(without, &candidates), self.policy.fitted);
         // What needs more numbers for the same error is no explanation beside this one.
-        let simple = fitted.into_iter().filter(|(_, fitted, _)| fitted.parameters() <= model.parameters());
+        let simple = fitted
+            .into_iter()
+            .filter(|(_, fitted, _)| fitted.parameters() <= model.parameters());
         let as_good = simple.filter(|(_, _, with)| !self.is_better(judged, with));
-        as_good.map(|(other, fitted, _)| (other, other.named(&fitted.stage, self.problem.data))).collect()
+        as_good
+            .map(|(other, fitted, _)| (other, other.named(&fitted.stage, self.problem.data)))
+            .collect()
     }
 
     /// Every effect in every channel and mode where it is not yet.
     fn candidates(&self, model: &Described) -> Vec<Candidate> {
-        let (drives, sensors, modes) = (model.stage.drives.len(), model.stage.sensors.len(), model.stage.modes.len());
+        let (drives, sensors, modes) = (
+            model.stage.drives.len(),
+            model.stage.sensors.len(),
+            model.stage.modes.len(),
+        );
         let mut effects = Vec::new();
         for drive in 0..drives {
-            effects.extend([AxisEffect::Hysteresis { drive }, AxisEffect::Creep { drive }, AxisEffect::Delay { drive }]);
+            effects.extend([
+                AxisEffect::Hysteresis { drive },
+                AxisEffect::Creep { drive },
+                AxisEffect::Delay { drive },
+            ]);
             effects.extend((0..sensors).map(|sensor| AxisEffect::Feedthrough { drive, sensor }));
             let moves = |mode: usize| model.stage.modes[mode].of_drives[drive] != 0.0;
-            effects.extend((0..modes).filter(|mode| !moves(*mode)).map(|mode| AxisEffect::DriveCoupling { drive, mode }));
+            effects.extend(
+                (0..modes)
+                    .filter(|mode| !moves(*mode))
+                    .map(|mode| AxisEffect::DriveCoupling { drive, mode }),
+            );
         }
         for sensor in 0..sensors {
             effects.push(AxisEffect::SensorBandwidth { sensor });
             let sees = |mode: usize| model.stage.modes[mode].of_sensors[sensor] != 0.0;
-            effects.extend((0..modes).filter(|mode| !sees(*mode)).map(|mode| AxisEffect::SensorCoupling { mode, sensor }));
+            effects.extend(
+                (0..modes)
+                    .filter(|mode| !sees(*mode))
+                    .map(|mode| AxisEffect::SensorCoupling { mode, sensor }),
+            );
         }
         effects.extend((0..modes).map(|mode| AxisEffect::NonlinearStiffness { mode }));
         let reach = self.problem.scales.reach();
-        let mut out: Vec<Candidate> = effects.into_iter().map(|effect| Candidate { effect, guess: [0.0; 2] }).collect();
+        let mut out: Vec<Candidate> = effects
+            .into_iter()
+            .map(|effect| Candidate {
+                effect,
+                guess: [0.0; 2],
+            })
+            .collect();
         for mode in 0..modes {
-            out.extend(FRICTION_BENDS.map(|share| Candidate { effect: AxisEffect::Friction { mode }, guess: [share * reach, 0.0] }));
+            out.extend(FRICTION_BENDS.map(|share| Candidate {
+                effect: AxisEffect::Friction { mode },
+                guess: [share * reach, 0.0],
+            }));
         }
         out.retain(|candidate| !model.effects.contains(&candidate.effect));
         out.extend(self.modes_in_the_residual(model));
@@ -304,20 +415,38 @@ impl Search<'_> {
         let (from_hz, to_hz) = (SCAN_FROM_TURNS / scales.duration_s, SCAN_TO / scales.dt_s);
         let count = ((to_hz / from_hz).ln() / SCAN_APART).ceil().max(1.0) as usize;
         let frequency_hz = |f: usize| from_hz * (SCAN_APART * f as f64).exp();
-        let tried: Vec<(usize, usize, f64)> =
-            (0..drives).flat_map(|drive| (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping)))).collect();
+        let tried: Vec<(usize, usize, f64)> = (0..drives)
+            .flat_map(|drive| {
+                (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping)))
+            })
+            .collect();
         let mode = model.stage.modes.len();
         // Of each: by how much it lowers the squares of every sensor.
         let spectra = ResidualSpectra::of(problem, &signals, &residual);
-        let falls = parallel::map(&tried, |(drive, f, damping)| spectra.falls_by_mode(*drive, frequency_hz(*f), *damping));
-        let pairs: Vec<(usize, usize)> = (0..drives).flat_map(|drive| (0..sensors).map(move |sensor| (drive, sensor))).collect();
+        let falls = parallel::map(&tried, |(drive, f, damping)| {
+            spectra.falls_by_mode(*drive, frequency_hz(*f), *damping)
+        });
+        let pairs: Vec<(usize, usize)> = (0..drives)
+            .flat_map(|drive| (0..sensors).map(move |sensor| (drive, sensor)))
+            .collect();
         let candidate = |(drive, sensor): &(usize, usize)| {
             let of_drive = tried.iter().zip(&falls).filter(|((d, _, _), _)| d == drive);
-            let ((_, f, damping), _) = of_drive.max_by(|a, b| a.1[*sensor].total_cmp(&b.1[*sensor]))?;
+            let ((_, f, damping), _) =
+                of_drive.max_by(|a, b| a.1[*sensor].total_cmp(&b.1[*sensor]))?;
             let guess = spectra.refined(*drive, *sensor, [frequency_hz(*f), *damping], SCAN_APART);
-            Some(Candidate { effect: AxisEffect::Vibration { mode, drive: *drive, sensor: *sensor }, guess })
+            Some(Candidate {
+                effect: AxisEffect::Vibration {
+                    mode,
+                    drive: *drive,
+                    sensor: *sensor,
+                },
+                guess,
+            })
         };
-        parallel::map(&pairs, candidate).into_iter().flatten().collect()
+        parallel::map(&pairs, candidate)
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     /// Candidates by the held-out error that their linearised fits predict, the best first; of each effect
@@ -332,20 +461,43 @@ impl Search<'_> {
         let score = |candidate: &Candidate| -> Option<Scored> {
             let with = model.with(candidate.effect, candidate.guess, &problem.scales);
             // At first the shape of what does nothing has no derivative.
-            let shapes = |free: &Free| matches!(free, Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_));
-            let new: Vec<Free> = with.free_of(candidate.effect).into_iter().filter(|free| !shapes(free)).collect();
+            let shapes = |free: &Free| {
+                matches!(
+                    free,
+                    Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_)
+                )
+            };
+            let new: Vec<Free> = with
+                .free_of(candidate.effect)
+                .into_iter()
+                .filter(|free| !shapes(free))
+                .collect();
             let columns = problem.columns_beside(&with, &signals, &new, &roles);
-            let solved = Linearised::new(&gram_of_own, &rows[0].columns, &columns[0], &rows[0].residual);
+            let solved = Linearised::new(
+                &gram_of_own,
+                &rows[0].columns,
+                &columns[0],
+                &rows[0].residual,
+            );
             let step = damped_solution(&solved.gram, &solved.against, 1e-9)?;
-            let left = &rows[1].residual - &rows[1].columns * step.rows(0, own.len()) - &columns[1] * step.rows(own.len(), new.len());
+            let left = &rows[1].residual
+                - &rows[1].columns * step.rows(0, own.len())
+                - &columns[1] * step.rows(own.len(), new.len());
             let mut start = with;
             for (free, by) in new.iter().zip(step.rows(own.len(), new.len()).iter()) {
                 let value = free.get(&start.stage) + by;
                 free.set(&mut start.stage, value);
             }
-            Some(Scored { candidate: *candidate, predicted: left.norm_squared(), start })
+            Some(Scored {
+                candidate: *candidate,
+                predicted: left.norm_squared(),
+                start,
+            })
         };
-        let mut scored: Vec<Scored> = parallel::map(candidates, score).into_iter().flatten().collect();
+        let mut scored: Vec<Scored> = parallel::map(candidates, score)
+            .into_iter()
+            .flatten()
+            .collect();
         scored.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
         let mut seen = Vec::new();
         scored.retain(|scored| {
@@ -364,7 +516,12 @@ struct Linearised {
 }
 
 impl Linearised {
-    fn new(gram_of_own: &DMatrix<f64>, own: &DMatrix<f64>, new: &DMatrix<f64>, residual: &DVector<f64>) -> Self {
+    fn new(
+        gram_of_own: &DMatrix<f64>,
+        own: &DMatrix<f64>,
+        new: &DMatrix<f64>,
+        residual: &DVector<f64>,
+    ) -> Self {
         let (p, c) = (own.ncols(), new.ncols());
         let mut gram = DMatrix::zeros(p + c, p + c);
         gram.view_mut((0, 0), (p, p)).copy_from(gram_of_own);

@@ -50,19 +50,36 @@ impl<'d> Problem<'d> {
             };
             (0..record.readings.len()).map(of_sensor).collect()
         };
-        Self { data, weights: data.records.iter().map(weight).collect(), noise_known, scales }
+        Self {
+            data,
+            weights: data.records.iter().map(weight).collect(),
+            noise_known,
+            scales,
+        }
     }
 
     pub(super) fn simulate(&self, stage: &ModalStage) -> Signals {
         let of_record = |record: &AxesRecord| {
             let dt_s = record.dt_s();
-            let drives: Vec<Vec<Held>> =
-                record.drives.iter().enumerate().map(|(j, u)| stage.drive_signal(j, u, dt_s, record.periodic)).collect();
-            let modes: Vec<Vec<f64>> = (0..stage.modes.len()).map(|r| stage.mode_signal(r, &slices(&drives), dt_s)).collect();
-            let readings = (0..stage.sensors.len()).map(|i| stage.reading(i, &slices(&modes), &slices(&drives), dt_s)).collect();
+            let drives: Vec<Vec<Held>> = record
+                .drives
+                .iter()
+                .enumerate()
+                .map(|(j, u)| stage.drive_signal(j, u, dt_s, record.periodic))
+                .collect();
+            let modes: Vec<Vec<f64>> = (0..stage.modes.len())
+                .map(|r| stage.mode_signal(r, &slices(&drives), dt_s))
+                .collect();
+            let readings = (0..stage.sensors.len())
+                .map(|i| stage.reading(i, &slices(&modes), &slices(&drives), dt_s))
+                .collect();
             (drives, modes, readings)
         };
-        let mut out = Signals { drives: Vec::new(), modes: Vec::new(), readings: Vec::new() };
+        let mut out = Signals {
+            drives: Vec::new(),
+            modes: Vec::new(),
+            readings: Vec::new(),
+        };
         for (drives, modes, readings) in parallel::map(&self.data.records, of_record) {
             out.drives.push(drives);
             out.modes.push(modes);
@@ -72,7 +89,13 @@ impl<'d> Problem<'d> {
     }
 
     /// The readings of a record after one part of the stage has changed; none where a sensor does not notice.
-    fn changed(&self, stage: &ModalStage, part: Part, base: &Signals, record: usize) -> Vec<Option<Vec<f64>>> {
+    fn changed(
+        &self,
+        stage: &ModalStage,
+        part: Part,
+        base: &Signals,
+        record: usize,
+    ) -> Vec<Option<Vec<f64>>> {
         let recorded = &self.data.records[record];
         let dt_s = recorded.dt_s();
         let (mut drives, mut modes) = (slices(&base.drives[record]), slices(&base.modes[record]));
@@ -88,17 +111,23 @@ impl<'d> Problem<'d> {
         if let Part::Drive(j) = part {
             drives[j] = &new_drive;
         }
-        let new_modes: Vec<Option<Vec<f64>>> =
-            (0..stage.modes.len()).map(|r| touches(r).then(|| stage.mode_signal(r, &drives, dt_s))).collect();
+        let new_modes: Vec<Option<Vec<f64>>> = (0..stage.modes.len())
+            .map(|r| touches(r).then(|| stage.mode_signal(r, &drives, dt_s)))
+            .collect();
         for (mode, new) in modes.iter_mut().zip(&new_modes) {
             *mode = new.as_deref().unwrap_or(mode);
         }
         let notices = |i: usize| match part {
             Part::Sensor(changed) => changed == i,
             Part::Mode(r) => stage.modes[r].of_sensors[i] != 0.0,
-            Part::Drive(j) => stage.feedthrough[i][j] != 0.0 || (0..modes.len()).any(|r| touches(r) && stage.modes[r].of_sensors[i] != 0.0),
+            Part::Drive(j) => {
+                stage.feedthrough[i][j] != 0.0
+                    || (0..modes.len()).any(|r| touches(r) && stage.modes[r].of_sensors[i] != 0.0)
+            }
         };
-        (0..stage.sensors.len()).map(|i| notices(i).then(|| stage.reading(i, &modes, &drives, dt_s))).collect()
+        (0..stage.sensors.len())
+            .map(|i| notices(i).then(|| stage.reading(i, &modes, &drives, dt_s)))
+            .collect()
     }
 
     /// Rows of a role: record by record, in each sensor by sensor, weighted, each about its mean. A
@@ -108,7 +137,10 @@ impl<'d> Problem<'d> {
         for (n, record) in self.data.of_role(role) {
             for i in 0..record.readings.len() {
                 let from = out.len();
-                out.extend((record.counted_from..record.counted_to).map(|k| self.weights[n][i] * value(n, i, k)));
+                out.extend(
+                    (record.counted_from..record.counted_to)
+                        .map(|k| self.weights[n][i] * value(n, i, k)),
+                );
                 let mean = out[from..].iter().sum::<f64>() / (out.len() - from) as f64;
                 out[from..].iter_mut().for_each(|x| *x -= mean);
             }
@@ -117,17 +149,31 @@ impl<'d> Problem<'d> {
     }
 
     pub(super) fn residual(&self, signals: &Signals, role: Role) -> DVector<f64> {
-        DVector::from_vec(self.rows(role, |n, i, k| self.data.records[n].readings[i][k] - signals.readings[n][i][k]))
+        DVector::from_vec(self.rows(role, |n, i, k| {
+            self.data.records[n].readings[i][k] - signals.readings[n][i][k]
+        }))
     }
 
     /// What the simulation changes by, for each number and its unit.
-    fn column(&self, model: &Described, signals: &Signals, free: Free, roles: &[Role]) -> Vec<Vec<f64>> {
+    fn column(
+        &self,
+        model: &Described,
+        signals: &Signals,
+        free: Free,
+        roles: &[Role],
+    ) -> Vec<Vec<f64>> {
         let step = self.scales.step(free);
         let mut moved = model.stage.clone();
         free.set(&mut moved, free.get(&model.stage) + step);
         let wanted = |n: usize| roles.contains(&self.data.records[n].role);
         let changed: Vec<Vec<Option<Vec<f64>>>> = (0..self.data.records.len())
-            .map(|n| if wanted(n) { self.changed(&moved, free.part(), signals, n) } else { Vec::new() })
+            .map(|n| {
+                if wanted(n) {
+                    self.changed(&moved, free.part(), signals, n)
+                } else {
+                    Vec::new()
+                }
+            })
             .collect();
         let per_unit = 1.0 / step;
         let of = |n: usize, i: usize, k: usize| match &changed[n][i] {
@@ -138,18 +184,42 @@ impl<'d> Problem<'d> {
     }
 
     /// Derivatives of the readings by some numbers, on the records of each role.
-    pub(super) fn columns(&self, model: &Described, signals: &Signals, free: &[Free], roles: &[Role]) -> Vec<DMatrix<f64>> {
+    pub(super) fn columns(
+        &self,
+        model: &Described,
+        signals: &Signals,
+        free: &[Free],
+        roles: &[Role],
+    ) -> Vec<DMatrix<f64>> {
         let by_number = parallel::map(free, |free| self.column(model, signals, *free, roles));
         let of_role = |role: usize| {
-            let of_record = |record: &AxesRecord| (record.counted_to - record.counted_from) * record.readings.len();
-            let rows = self.data.of_role(roles[role]).map(|(_, record)| of_record(record)).sum();
-            DMatrix::from_iterator(rows, free.len(), by_number.iter().flat_map(|columns| columns[role].iter().copied()))
+            let of_record = |record: &AxesRecord| {
+                (record.counted_to - record.counted_from) * record.readings.len()
+            };
+            let rows = self
+                .data
+                .of_role(roles[role])
+                .map(|(_, record)| of_record(record))
+                .sum();
+            DMatrix::from_iterator(
+                rows,
+                free.len(),
+                by_number
+                    .iter()
+                    .flat_map(|columns| columns[role].iter().copied()),
+            )
         };
         (0..roles.len()).map(of_role).collect()
     }
 
     /// Derivatives by the numbers of an effect that does nothing yet, beside the signals without it.
-    pub(super) fn columns_beside(&self, with: &Described, without: &Signals, free: &[Free], roles: &[Role]) -> Vec<DMatrix<f64>> {
+    pub(super) fn columns_beside(
+        &self,
+        with: &Described,
+        without: &Signals,
+        free: &[Free],
+        roles: &[Role],
+    ) -> Vec<DMatrix<f64>> {
         let new_modes = without.modes[0].len()..with.stage.modes.len();
         if new_modes.is_empty() {
             return self.columns(with, without, free, roles);
@@ -157,7 +227,10 @@ impl<'d> Problem<'d> {
         let mut signals = without.clone();
         for (n, record) in self.data.records.iter().enumerate() {
             let drives = slices(&signals.drives[n]);
-            let moved: Vec<Vec<f64>> = new_modes.clone().map(|r| with.stage.mode_signal(r, &drives, record.dt_s())).collect();
+            let moved: Vec<Vec<f64>> = new_modes
+                .clone()
+                .map(|r| with.stage.mode_signal(r, &drives, record.dt_s()))
+                .collect();
             signals.modes[n].extend(moved);
         }
         self.columns(with, &signals, free, roles)
@@ -166,7 +239,10 @@ impl<'d> Problem<'d> {
     /// What a drive gives in a record, where it counts.
     pub(super) fn counted_drive(&self, signals: &Signals, record: usize, drive: usize) -> Vec<f64> {
         let recorded = &self.data.records[record];
-        signals.drives[record][drive][recorded.counted_from..recorded.counted_to].iter().map(|held| held.late).collect()
+        signals.drives[record][drive][recorded.counted_from..recorded.counted_to]
+            .iter()
+            .map(|held| held.late)
+            .collect()
     }
 
     /// The weight of a sensor in a record.
@@ -177,7 +253,14 @@ impl<'d> Problem<'d> {
     pub(super) fn linearised(&self, model: &Described, roles: &[Role]) -> Vec<Rows> {
         let signals = self.simulate(&model.stage);
         let columns = self.columns(model, &signals, &model.free(), roles);
-        roles.iter().zip(columns).map(|(role, columns)| Rows { residual: self.residual(&signals, *role), columns }).collect()
+        roles
+            .iter()
+            .zip(columns)
+            .map(|(role, columns)| Rows {
+                residual: self.residual(&signals, *role),
+                columns,
+            })
+            .collect()
     }
 
     /// Mean square of the weighted residual.
@@ -192,10 +275,22 @@ impl<'d> Problem<'d> {
         let mut out = Vec::new();
         let mut at = 0;
         for (_, record) in self.data.of_role(Role::Validate) {
-            let (samples, sensors) = (record.counted_to - record.counted_from, record.readings.len());
+            let (samples, sensors) = (
+                record.counted_to - record.counted_from,
+                record.readings.len(),
+            );
             for stretch in 0..STRETCHES {
-                let (from, to) = (stretch * samples / STRETCHES, (stretch + 1) * samples / STRETCHES);
-                let squares: f64 = (0..sensors).map(|i| residual.rows(at + i * samples + from, to - from).norm_squared()).sum();
+                let (from, to) = (
+                    stretch * samples / STRETCHES,
+                    (stretch + 1) * samples / STRETCHES,
+                );
+                let squares: f64 = (0..sensors)
+                    .map(|i| {
+                        residual
+                            .rows(at + i * samples + from, to - from)
+                            .norm_squared()
+                    })
+                    .sum();
                 out.push(squares / ((to - from) * sensors) as f64);
             }
             at += samples * sensors;
@@ -208,7 +303,9 @@ impl<'d> Problem<'d> {
         let signals = self.simulate(stage);
         let sensors = stage.sensors.len();
         let (mut squares, mut counts) = (vec![0.0; sensors], vec![0_usize; sensors]);
-        let rows = self.rows(role, |n, i, k| (self.data.records[n].readings[i][k] - signals.readings[n][i][k]) / self.weights[n][i]);
+        let rows = self.rows(role, |n, i, k| {
+            (self.data.records[n].readings[i][k] - signals.readings[n][i][k]) / self.weights[n][i]
+        });
         let mut at = 0;
         for (_, record) in self.data.of_role(role) {
             let samples = record.counted_to - record.counted_from;
@@ -218,7 +315,11 @@ impl<'d> Problem<'d> {
                 at += samples;
             }
         }
-        squares.iter().zip(counts).map(|(squares, count)| (squares / count.max(1) as f64).sqrt()).collect()
+        squares
+            .iter()
+            .zip(counts)
+            .map(|(squares, count)| (squares / count.max(1) as f64).sqrt())
+            .collect()
     }
 
     /// The readings of a record as a stage gives them.
@@ -248,7 +349,9 @@ impl<'d> Problem<'d> {
                     continue;
                 };
                 let mut tried = best.clone();
-                free.iter().zip(step.iter()).for_each(|(free, by)| free.set(&mut tried.stage, free.get(&best.stage) + by));
+                free.iter()
+                    .zip(step.iter())
+                    .for_each(|(free, by)| free.set(&mut tried.stage, free.get(&best.stage) + by));
                 let tried_cost = self.cost(&tried.stage, Role::Identify);
                 if tried_cost < cost {
                     (best, cost) = (tried, tried_cost);
@@ -277,10 +380,18 @@ const TRIALS: usize = 6;
 const RIDGE: f64 = 1e-12;
 
 /// The step that lowers the residual, with each number held back by its own scale.
-pub(super) fn damped_solution(gram: &DMatrix<f64>, against: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
+pub(super) fn damped_solution(
+    gram: &DMatrix<f64>,
+    against: &DVector<f64>,
+    damping: f64,
+) -> Option<DVector<f64>> {
     // Scaled to a unit diagonal first: the numbers have units of their own.
-    let scale = gram.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
-    let mut scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
+    let scale = gram
+        .diagonal()
+        .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    let mut scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+        gram[(i, j)] * scale[i] * scale[j]
+    });
     for i in 0..scaled.nrows() {
         scaled[(i, i)] = 1.0 + damping + RIDGE;
     }

@@ -60,20 +60,35 @@ pub fn has_several(text: &str) -> bool {
         let records = table.get("record")?.as_array()?.clone();
         let is_list = |record: &toml::Value| {
             let columns = record.get("columns")?.as_table()?;
-            Some(["u", "y"].iter().any(|key| columns.get(*key).is_some_and(toml::Value::is_array)))
+            Some(
+                ["u", "y"]
+                    .iter()
+                    .any(|key| columns.get(*key).is_some_and(toml::Value::is_array)),
+            )
         };
         Some(records.iter().any(|record| is_list(record) == Some(true)))
     };
-    toml::from_str::<toml::Table>(text).ok().and_then(lists).unwrap_or(false)
+    toml::from_str::<toml::Table>(text)
+        .ok()
+        .and_then(lists)
+        .unwrap_or(false)
 }
 
 /// Reads a manifest; `read` gives the bytes of a file beside it.
 ///
 /// # Errors
 /// One message with file, line or column, and what was expected.
-pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<u8>>) -> Result<AxesData> {
-    let manifest: Manifest =
-        toml::from_str(text).map_err(|e| Error::new(format!("{place}: line {}", line_of(text, e.span())), e.message()))?;
+pub fn from_manifest(
+    text: &str,
+    place: &str,
+    read: &dyn Fn(&str) -> Result<Vec<u8>>,
+) -> Result<AxesData> {
+    let manifest: Manifest = toml::from_str(text).map_err(|e| {
+        Error::new(
+            format!("{place}: line {}", line_of(text, e.span())),
+            e.message(),
+        )
+    })?;
     let hold_before = manifest.timing == Some(Timing::HoldBeforeSample);
     let mut tables: Vec<(String, Table)> = Vec::new();
     let mut records = Vec::new();
@@ -81,19 +96,39 @@ pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<
     for entry in &manifest.record {
         for file in std::iter::once(&entry.file).chain(&entry.y_file) {
             if !tables.iter().any(|(name, _)| name == file) {
-                tables.push((file.clone(), readers::read(file, &read(file)?, Hints::default())?));
+                tables.push((
+                    file.clone(),
+                    readers::read(file, &read(file)?, Hints::default())?,
+                ));
             }
         }
-        let table = |file: &str| &tables.iter().find(|(name, _)| name == file).expect("it was read above").1;
+        let table = |file: &str| {
+            &tables
+                .iter()
+                .find(|(name, _)| name == file)
+                .expect("it was read above")
+                .1
+        };
         let pick = |file: &str, key: &str, names: &[ColumnName]| -> Result<Vec<Column>> {
             let place = |name| table(file).place_of(name, &format!("[record.columns] {key}"));
-            names.iter().map(|name| Ok(table(file).columns[place(name)?].clone())).collect()
+            names
+                .iter()
+                .map(|name| Ok(table(file).columns[place(name)?].clone()))
+                .collect()
         };
         let drives = pick(&entry.file, "u", &entry.columns.u)?;
-        let sensors = pick(entry.y_file.as_ref().unwrap_or(&entry.file), "y", &entry.columns.y)?;
+        let sensors = pick(
+            entry.y_file.as_ref().unwrap_or(&entry.file),
+            "y",
+            &entry.columns.y,
+        )?;
         let names = |columns: &[Column], what: &str| {
             let name = |(i, column): (usize, &Column)| {
-                if column.name.is_empty() { format!("{what} {}", i + 1) } else { column.name.clone() }
+                if column.name.is_empty() {
+                    format!("{what} {}", i + 1)
+                } else {
+                    column.name.clone()
+                }
             };
             columns.iter().enumerate().map(name).collect::<Vec<_>>()
         };
@@ -109,11 +144,21 @@ pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<
             });
         }
         let name = entry.name.clone().unwrap_or_else(|| entry.file.clone());
-        let record = AxesRecord::new(&name, entry.sample_rate_hz, entry.role.unwrap_or(Role::Identify), u, y);
+        let record = AxesRecord::new(
+            &name,
+            entry.sample_rate_hz,
+            entry.role.unwrap_or(Role::Identify),
+            u,
+            y,
+        );
         records.push(match entry.period_s {
             Some(period_s) => {
-                let samples = |seconds: f64| (seconds * entry.sample_rate_hz).round().max(0.0) as usize;
-                record.averaged(samples(period_s), samples(entry.periodic_from_s.unwrap_or(period_s)))?
+                let samples =
+                    |seconds: f64| (seconds * entry.sample_rate_hz).round().max(0.0) as usize;
+                record.averaged(
+                    samples(period_s),
+                    samples(entry.periodic_from_s.unwrap_or(period_s)),
+                )?
             }
             None => record,
         });
@@ -150,7 +195,9 @@ columns = { u = ["ux", "uy"], y = ["x", 4] }
     #[test]
     fn lists_of_columns_are_several_axes() {
         assert!(has_several(MANIFEST));
-        assert!(!has_several("name = \"one\"\n[[record]]\nfile = \"a.csv\"\ncolumns = { u = \"ux\" }"));
+        assert!(!has_several(
+            "name = \"one\"\n[[record]]\nfile = \"a.csv\"\ncolumns = { u = \"ux\" }"
+        ));
         let data = from_manifest(MANIFEST, "dataset.toml", &|_| Ok(file(400))).unwrap();
         assert_eq!((data.drives.len(), data.sensors[1].as_str()), (2, "y"));
         assert_eq!(data.records[0].readings[1][3], 12.0);
@@ -161,7 +208,12 @@ columns = { u = ["ux", "uy"], y = ["x", 4] }
     #[test]
     fn a_column_that_is_not_there_is_named_with_those_that_are() {
         let text = MANIFEST.replace("\"uy\"", "\"uz\"");
-        let refused = from_manifest(&text, "dataset.toml", &|_| Ok(file(400))).unwrap_err().to_string();
-        assert!(refused.contains("u = \"uz\"") && refused.contains("ux, uy, x, y"), "{refused}");
+        let refused = from_manifest(&text, "dataset.toml", &|_| Ok(file(400)))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("u = \"uz\"") && refused.contains("ux, uy, x, y"),
+            "{refused}"
+        );
     }
 }

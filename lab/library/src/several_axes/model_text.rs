@@ -68,11 +68,29 @@ impl AxesModel {
         let model: Self = toml_file::with_schema(text, place, SCHEMA)?;
         let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
         let modes_fit = model.stage.modes.iter().all(|mode| {
-            let finite = mode.of_drives.iter().chain(&mode.of_sensors).all(|share| share.is_finite());
-            mode.of_drives.len() == drives && mode.of_sensors.len() == sensors && mode.frequency_hz > 0.0 && finite
+            let finite = mode
+                .of_drives
+                .iter()
+                .chain(&mode.of_sensors)
+                .all(|share| share.is_finite());
+            mode.of_drives.len() == drives
+                && mode.of_sensors.len() == sensors
+                && mode.frequency_hz > 0.0
+                && finite
         });
-        let feedthrough_fits = model.stage.feedthrough.len() == sensors && model.stage.feedthrough.iter().all(|row| row.len() == drives);
-        if drives == 0 || sensors == 0 || !modes_fit || !feedthrough_fits || model.sample_rate_hz.is_nan() || model.sample_rate_hz <= 0.0 {
+        let feedthrough_fits = model.stage.feedthrough.len() == sensors
+            && model
+                .stage
+                .feedthrough
+                .iter()
+                .all(|row| row.len() == drives);
+        if drives == 0
+            || sensors == 0
+            || !modes_fit
+            || !feedthrough_fits
+            || model.sample_rate_hz.is_nan()
+            || model.sample_rate_hz <= 0.0
+        {
             return Err(Error::new(
                 place,
                 format!(
@@ -159,7 +177,11 @@ pub fn figures(found: &AxesFound, data: &AxesData, seconds: f64) -> AxesFigures 
         held_out_rms: found.held_out_rms[i],
         held_out_pct: 100.0 * found.held_out_rms[i] / found.reading_rms[i],
     };
-    let step = |step: &super::finder::Joined| StepFigures { added: step.named.clone(), before: step.before, after: step.after };
+    let step = |step: &super::finder::Joined| StepFigures {
+        added: step.named.clone(),
+        before: step.before,
+        after: step.after,
+    };
     AxesFigures {
         schema: "hysteron.axes_diagnosis/1",
         name: data.name.clone(),
@@ -167,7 +189,11 @@ pub fn figures(found: &AxesFound, data: &AxesData, seconds: f64) -> AxesFigures 
         steps: found.steps.iter().map(step).collect(),
         error: found.error,
         fitted_error: found.fitted_error,
-        error_in: if found.in_times_the_noise { "noise" } else { "reading" },
+        error_in: if found.in_times_the_noise {
+            "noise"
+        } else {
+            "reading"
+        },
         sensors: data.sensors.iter().enumerate().map(sensor).collect(),
         parameters: found.model.parameters(),
         seconds,
@@ -182,7 +208,11 @@ mod tests {
     #[test]
     fn a_model_comes_back_from_its_text() {
         let mut stage = ModalStage::at_rest(2, 2);
-        stage.modes.push(StageMode { of_drives: vec![1.0, 0.25], of_sensors: vec![0.1, 0.0], ..StageMode::linear(210.0, 0.02, 2, 2) });
+        stage.modes.push(StageMode {
+            of_drives: vec![1.0, 0.25],
+            of_sensors: vec![0.1, 0.0],
+            ..StageMode::linear(210.0, 0.02, 2, 2)
+        });
         let model = AxesModel {
             schema: SCHEMA.into(),
             name: "two axes".into(),
@@ -191,7 +221,14 @@ mod tests {
             sensor_names: vec!["x".into(), "y".into()],
             drive_unit: "V".into(),
             sensor_unit: "um".into(),
-            effects: vec![AxisEffect::Vibration { mode: 0, drive: 0, sensor: 0 }, AxisEffect::DriveCoupling { drive: 1, mode: 0 }],
+            effects: vec![
+                AxisEffect::Vibration {
+                    mode: 0,
+                    drive: 0,
+                    sensor: 0,
+                },
+                AxisEffect::DriveCoupling { drive: 1, mode: 0 },
+            ],
             stage,
         };
         let back = AxesModel::from_toml(&model.to_toml().unwrap(), "model.toml").unwrap();

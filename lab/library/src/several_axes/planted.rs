@@ -70,10 +70,23 @@ impl AxisPlant {
     /// # Errors
     /// An unknown name, with the nearest known one.
     pub fn named(name: &str) -> Result<Self> {
-        let known: Vec<String> = Self::ALL.iter().map(|plant| plant.name().to_owned()).collect();
-        Self::ALL.into_iter().find(|plant| plant.name() == name).ok_or_else(|| {
-            Error::new(name, format!("is nothing that can be planted{}; expected one of {}", nearest(name, &known), known.join(", ")))
-        })
+        let known: Vec<String> = Self::ALL
+            .iter()
+            .map(|plant| plant.name().to_owned())
+            .collect();
+        Self::ALL
+            .into_iter()
+            .find(|plant| plant.name() == name)
+            .ok_or_else(|| {
+                Error::new(
+                    name,
+                    format!(
+                        "is nothing that can be planted{}; expected one of {}",
+                        nearest(name, &known),
+                        known.join(", ")
+                    ),
+                )
+            })
     }
 }
 
@@ -111,7 +124,12 @@ const REACH_V: f64 = 50.0;
 /// Noise of a sensor, of the RMS of its reading.
 const NOISE: f64 = 0.01;
 /// Shares of the greatest drive at which the stage is recorded, and which of the records judge.
-const LEVELS: [(f64, Role); 4] = [(0.35, Role::Identify), (0.65, Role::Identify), (1.0, Role::Identify), (0.85, Role::Validate)];
+const LEVELS: [(f64, Role); 4] = [
+    (0.35, Role::Identify),
+    (0.65, Role::Identify),
+    (1.0, Role::Identify),
+    (0.85, Role::Validate),
+];
 
 /// A stage from a seed.
 #[must_use]
@@ -132,35 +150,68 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
         let threshold = |k: usize| REACH_V * (k as f64 + 0.5) / 40.0;
         let weight = |k: usize| (-falls * (k as f64 + 0.5) / 40.0_f64).exp();
         let sum: f64 = (0..40).map(weight).sum();
-        drive.plays = (0..40).map(|k| [threshold(k), total * weight(k) / sum]).collect();
+        drive.plays = (0..40)
+            .map(|k| [threshold(k), total * weight(k) / sum])
+            .collect();
     }
     let drive = random.random_range(0..AXES);
     let other = (drive + random.random_range(1..AXES)) % AXES;
-    let mut channel = Channel { drive, mode: drive, sensor: drive };
+    let mut channel = Channel {
+        drive,
+        mode: drive,
+        sensor: drive,
+    };
     let truth = match plant {
         AxisPlant::Coupling => {
             channel.mode = other;
             stage.modes[other].of_drives[drive] = random.random_range(0.05..0.3);
-            format!("drive {} moves the mode at {:.0} Hz", drive + 1, stage.modes[other].frequency_hz)
+            format!(
+                "drive {} moves the mode at {:.0} Hz",
+                drive + 1,
+                stage.modes[other].frequency_hz
+            )
         }
         AxisPlant::ModeOfOneDrive => {
-            let mut mode = StageMode::linear(random.random_range(550.0..950.0), random.random_range(0.01..0.03), AXES, AXES);
+            let mut mode = StageMode::linear(
+                random.random_range(550.0..950.0),
+                random.random_range(0.01..0.03),
+                AXES,
+                AXES,
+            );
             mode.of_drives[drive] = 1.0;
             for sensor in [drive, other] {
-                mode.of_sensors[sensor] = stage.modes[sensor].of_sensors[sensor] * random.random_range(0.03..0.2);
+                mode.of_sensors[sensor] =
+                    stage.modes[sensor].of_sensors[sensor] * random.random_range(0.03..0.2);
             }
             channel.mode = AXES;
             stage.modes.push(mode);
-            format!("a mode at {:.0} Hz that only drive {} moves", stage.modes[AXES].frequency_hz, drive + 1)
+            format!(
+                "a mode at {:.0} Hz that only drive {} moves",
+                stage.modes[AXES].frequency_hz,
+                drive + 1
+            )
         }
         AxisPlant::Friction => {
-            let (force, bend) = (random.random_range(0.02..0.08), random.random_range(0.02..0.1));
-            stage.modes[drive].friction = Some(ModeFriction { force: force * REACH_V, bend: bend * REACH_V });
-            format!("friction on the mode at {:.0} Hz", stage.modes[drive].frequency_hz)
+            let (force, bend) = (
+                random.random_range(0.02..0.08),
+                random.random_range(0.02..0.1),
+            );
+            stage.modes[drive].friction = Some(ModeFriction {
+                force: force * REACH_V,
+                bend: bend * REACH_V,
+            });
+            format!(
+                "friction on the mode at {:.0} Hz",
+                stage.modes[drive].frequency_hz
+            )
         }
         AxisPlant::Delay => {
             stage.drives[drive].delay_s = random.random_range(0.4..2.5) / RATE_HZ;
-            format!("drive {} acts {:.2} ms later", drive + 1, 1e3 * stage.drives[drive].delay_s)
+            format!(
+                "drive {} acts {:.2} ms later",
+                drive + 1,
+                1e3 * stage.drives[drive].delay_s
+            )
         }
         AxisPlant::Creep => {
             let share = random.random_range(0.01..0.03);
@@ -169,26 +220,53 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
         }
         AxisPlant::NonlinearStiffness => {
             stage.modes[drive].cubic = random.random_range(0.03..0.15) / (REACH_V * REACH_V);
-            format!("the mode at {:.0} Hz stiffens", stage.modes[drive].frequency_hz)
+            format!(
+                "the mode at {:.0} Hz stiffens",
+                stage.modes[drive].frequency_hz
+            )
         }
         AxisPlant::SensorBandwidth => {
             stage.sensors[drive].lag_s = random.random_range(0.3..2.0) / RATE_HZ;
-            format!("sensor {} lags by {:.2} ms", drive + 1, 1e3 * stage.sensors[drive].lag_s)
+            format!(
+                "sensor {} lags by {:.2} ms",
+                drive + 1,
+                1e3 * stage.sensors[drive].lag_s
+            )
         }
         AxisPlant::SensorCoupling => {
-            channel = Channel { drive: other, mode: other, sensor: drive };
-            stage.modes[other].of_sensors[drive] = stage.modes[other].of_sensors[other] * random.random_range(0.03..0.2);
-            format!("sensor {} sees the mode at {:.0} Hz", drive + 1, stage.modes[other].frequency_hz)
+            channel = Channel {
+                drive: other,
+                mode: other,
+                sensor: drive,
+            };
+            stage.modes[other].of_sensors[drive] =
+                stage.modes[other].of_sensors[other] * random.random_range(0.03..0.2);
+            format!(
+                "sensor {} sees the mode at {:.0} Hz",
+                drive + 1,
+                stage.modes[other].frequency_hz
+            )
         }
     };
     let data = recorded(&stage, seed);
-    PlantedStage { plant, truth, stage, channel, data }
+    PlantedStage {
+        plant,
+        truth,
+        stage,
+        channel,
+        data,
+    }
 }
 
 fn recorded(stage: &ModalStage, seed: u64) -> AxesData {
-    let averaged = |record: AxesRecord| record.averaged(PERIOD, PERIOD).expect("five periods are enough");
+    let averaged = |record: AxesRecord| {
+        record
+            .averaged(PERIOD, PERIOD)
+            .expect("five periods are enough")
+    };
     let records = periods(stage, seed).into_iter().map(averaged).collect();
-    AxesData::new("simulated stage of three axes", records).expect("its records have the same channels")
+    AxesData::new("simulated stage of three axes", records)
+        .expect("its records have the same channels")
 }
 
 /// Recordings of a stage under a multisine of every drive, at every level with phases of its own.
@@ -196,7 +274,16 @@ fn periods(stage: &ModalStage, seed: u64) -> Vec<AxesRecord> {
     let lines: Vec<usize> = (1..=(BAND_HZ / RATE_HZ * PERIOD as f64) as usize).collect();
     let record = |(n, (level, role)): (usize, &(f64, Role))| -> AxesRecord {
         let drives: Vec<Vec<f64>> = (0..stage.drives.len())
-            .map(|j| multisine(PERIOD, &lines, level * REACH_V, 0.0, PERIODS, seed * 1000 + (10 * n + j) as u64))
+            .map(|j| {
+                multisine(
+                    PERIOD,
+                    &lines,
+                    level * REACH_V,
+                    0.0,
+                    PERIODS,
+                    seed * 1000 + (10 * n + j) as u64,
+                )
+            })
             .collect();
         let mut readings = stage.simulate(&drives, 1.0 / RATE_HZ, true);
         for (i, reading) in readings.iter_mut().enumerate() {
@@ -204,7 +291,13 @@ fn periods(stage: &ModalStage, seed: u64) -> Vec<AxesRecord> {
             let mut noise = WhiteNoise::new(NOISE * rms, seed * 7919 + (100 * n + i) as u64);
             reading.iter_mut().for_each(|y| *y += noise.next_um());
         }
-        AxesRecord::new(&format!("{:.0} % of {REACH_V:.0} V", 100.0 * level), RATE_HZ, *role, drives, readings)
+        AxesRecord::new(
+            &format!("{:.0} % of {REACH_V:.0} V", 100.0 * level),
+            RATE_HZ,
+            *role,
+            drives,
+            readings,
+        )
     };
     LEVELS.iter().enumerate().map(record).collect()
 }
@@ -230,7 +323,8 @@ pub struct JudgedStage {
 
 impl JudgedStage {
     /// Heads of the columns of a table of scores.
-    pub const COLUMNS: &'static str = "planted,seed,truth,named,with_or,wrong,times_noise,parameters,seconds,found";
+    pub const COLUMNS: &'static str =
+        "planted,seed,truth,named,with_or,wrong,times_noise,parameters,seconds,found";
 
     /// Its row in such a table.
     #[must_use]
@@ -273,18 +367,34 @@ impl PlantedStage {
     fn true_mode(&self, found: &Described, mode: usize) -> Option<usize> {
         let hz = found.stage.modes.get(mode)?.frequency_hz;
         let apart = |r: &usize| (self.stage.modes[*r].frequency_hz / hz - 1.0).abs();
-        (0..self.stage.modes.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).filter(|r| apart(r) < SAME_MODE)
+        (0..self.stage.modes.len())
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+            .filter(|r| apart(r) < SAME_MODE)
     }
 
     /// Whether an effect of a model is there.
     fn is_there(&self, found: &Described, effect: AxisEffect) -> bool {
-        let mode_has =
-            |mode: usize, has: &dyn Fn(&StageMode) -> bool| self.true_mode(found, mode).is_some_and(|r| has(&self.stage.modes[r]));
+        let mode_has = |mode: usize, has: &dyn Fn(&StageMode) -> bool| {
+            self.true_mode(found, mode)
+                .is_some_and(|r| has(&self.stage.modes[r]))
+        };
         match effect {
-            AxisEffect::Vibration { mode, drive, sensor } => mode_has(mode, &|m| m.of_drives[drive] != 0.0 && m.of_sensors[sensor] != 0.0),
-            AxisEffect::DriveCoupling { drive, mode } => mode_has(mode, &|m| m.of_drives[drive] != 0.0),
-            AxisEffect::SensorCoupling { mode, sensor } => mode_has(mode, &|m| m.of_sensors[sensor] != 0.0),
-            AxisEffect::Feedthrough { drive, sensor } => self.stage.feedthrough[sensor][drive] != 0.0,
+            AxisEffect::Vibration {
+                mode,
+                drive,
+                sensor,
+            } => mode_has(mode, &|m| {
+                m.of_drives[drive] != 0.0 && m.of_sensors[sensor] != 0.0
+            }),
+            AxisEffect::DriveCoupling { drive, mode } => {
+                mode_has(mode, &|m| m.of_drives[drive] != 0.0)
+            }
+            AxisEffect::SensorCoupling { mode, sensor } => {
+                mode_has(mode, &|m| m.of_sensors[sensor] != 0.0)
+            }
+            AxisEffect::Feedthrough { drive, sensor } => {
+                self.stage.feedthrough[sensor][drive] != 0.0
+            }
             AxisEffect::Hysteresis { drive } => !self.stage.drives[drive].plays.is_empty(),
             AxisEffect::Creep { drive } => !self.stage.drives[drive].creep.is_empty(),
             AxisEffect::Delay { drive } => self.stage.drives[drive].delay_s > 0.0,
@@ -297,22 +407,31 @@ impl PlantedStage {
     /// Whether an effect of a model is what was planted. Which drive or sensor of a mode joined first does
     /// not matter: a mode that two drives move is the same whichever was found with it.
     fn is_planted(&self, found: &Described, effect: AxisEffect) -> bool {
-        let Channel { drive, mode, sensor } = self.channel;
+        let Channel {
+            drive,
+            mode,
+            sensor,
+        } = self.channel;
         let of_mode = |m: usize| self.true_mode(found, m) == Some(mode);
         match (self.plant, effect) {
-            (AxisPlant::Coupling, AxisEffect::DriveCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
-                of_mode(m) && found.stage.modes[m].of_drives[drive] != 0.0
-            }
+            (
+                AxisPlant::Coupling,
+                AxisEffect::DriveCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. },
+            ) => of_mode(m) && found.stage.modes[m].of_drives[drive] != 0.0,
             (AxisPlant::ModeOfOneDrive, AxisEffect::Vibration { mode: m, .. }) => {
                 let moves = |j: usize| found.stage.modes[m].of_drives[j] != 0.0;
                 of_mode(m) && (0..AXES).all(|j| moves(j) == (j == drive))
             }
-            (AxisPlant::SensorCoupling, AxisEffect::SensorCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
-                of_mode(m) && found.stage.modes[m].of_sensors[sensor] != 0.0
-            }
+            (
+                AxisPlant::SensorCoupling,
+                AxisEffect::SensorCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. },
+            ) => of_mode(m) && found.stage.modes[m].of_sensors[sensor] != 0.0,
             (AxisPlant::Friction, AxisEffect::Friction { mode: m })
-            | (AxisPlant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => of_mode(m),
-            (AxisPlant::Delay, AxisEffect::Delay { drive: j }) | (AxisPlant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
+            | (AxisPlant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => {
+                of_mode(m)
+            }
+            (AxisPlant::Delay, AxisEffect::Delay { drive: j })
+            | (AxisPlant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
             (AxisPlant::SensorBandwidth, AxisEffect::SensorBandwidth { sensor: i }) => i == sensor,
             _ => false,
         }
@@ -321,14 +440,24 @@ impl PlantedStage {
     /// Compares what was found with what is there. An effect with an "or" is right if any of them is there.
     #[must_use]
     pub fn judge(&self, found: &AxesFound) -> JudgedStage {
-        let of_finding =
-            |finding: &AxisFinding, is: &dyn Fn(AxisEffect) -> bool| is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other));
+        let of_finding = |finding: &AxisFinding, is: &dyn Fn(AxisEffect) -> bool| {
+            is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other))
+        };
         let planted = |effect: AxisEffect| self.is_planted(&found.model, effect);
-        let hits: Vec<&AxisFinding> = found.findings.iter().filter(|finding| of_finding(finding, &planted)).collect();
-        let wrong = |finding: &&AxisFinding| !of_finding(finding, &|effect| self.is_there(&found.model, effect));
+        let hits: Vec<&AxisFinding> = found
+            .findings
+            .iter()
+            .filter(|finding| of_finding(finding, &planted))
+            .collect();
+        let wrong = |finding: &&AxisFinding| {
+            !of_finding(finding, &|effect| self.is_there(&found.model, effect))
+        };
         let words = |finding: &AxisFinding| {
             let others = finding.or.iter().map(|(_, named)| named.clone());
-            std::iter::once(finding.named.clone()).chain(others).collect::<Vec<_>>().join(" or ")
+            std::iter::once(finding.named.clone())
+                .chain(others)
+                .collect::<Vec<_>>()
+                .join(" or ")
         };
         JudgedStage {
             truth: self.truth.clone(),

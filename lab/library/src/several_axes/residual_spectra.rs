@@ -31,12 +31,28 @@ impl ResidualSpectra {
         let mut records = Vec::new();
         for (n, record) in problem.data.of_role(Role::Identify) {
             let samples = record.counted_to - record.counted_from;
-            let drives = (0..record.drives.len()).map(|j| lines(problem.counted_drive(signals, n, j), &mut planner)).collect();
-            let of_sensor = |i: usize| residual.rows(at + i * samples, samples).iter().copied().collect::<Vec<f64>>();
-            let residual = (0..sensors).map(|i| lines(of_sensor(i), &mut planner)).collect();
+            let drives = (0..record.drives.len())
+                .map(|j| lines(problem.counted_drive(signals, n, j), &mut planner))
+                .collect();
+            let of_sensor = |i: usize| {
+                residual
+                    .rows(at + i * samples, samples)
+                    .iter()
+                    .copied()
+                    .collect::<Vec<f64>>()
+            };
+            let residual = (0..sensors)
+                .map(|i| lines(of_sensor(i), &mut planner))
+                .collect();
             at += sensors * samples;
             let weights = (0..sensors).map(|i| problem.weight(n, i)).collect();
-            records.push(OfRecord { sample_rate_hz: record.sample_rate_hz, samples, drives, residual, weights });
+            records.push(OfRecord {
+                sample_rate_hz: record.sample_rate_hz,
+                samples,
+                drives,
+                residual,
+                weights,
+            });
         }
         Self { records, sensors }
     }
@@ -64,22 +80,42 @@ impl ResidualSpectra {
                 own[i] += record.weights[i].powi(2) * squares / record.samples as f64;
             }
         }
-        across.iter().zip(&own).map(|(across, own)| if *own > 0.0 { across * across / own } else { 0.0 }).collect()
+        across
+            .iter()
+            .zip(&own)
+            .map(|(across, own)| {
+                if *own > 0.0 {
+                    across * across / own
+                } else {
+                    0.0
+                }
+            })
+            .collect()
     }
 
     /// The frequency and damping near a guess at which a mode follows a sensor best.
-    pub(super) fn refined(&self, drive: usize, sensor: usize, guess: [f64; 2], apart: f64) -> [f64; 2] {
+    pub(super) fn refined(
+        &self,
+        drive: usize,
+        sensor: usize,
+        guess: [f64; 2],
+        apart: f64,
+    ) -> [f64; 2] {
         let fall = |at: [f64; 2]| self.falls_by_mode(drive, at[0], at[1])[sensor];
         let (mut best, mut best_fall) = (guess, fall(guess));
         let (mut of_frequency, mut of_damping) = (apart, 1.0_f64);
         for _ in 0..REFINEMENTS {
             let around = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
             let tried = around.map(|[f, d]| {
-                let damping = (best[1] * (d * of_damping).exp()).clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]);
+                let damping =
+                    (best[1] * (d * of_damping).exp()).clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]);
                 [best[0] * (f * of_frequency).exp(), damping]
             });
             let falls = tried.map(fall);
-            match (0..tried.len()).filter(|n| falls[*n] > best_fall).max_by(|a, b| falls[*a].total_cmp(&falls[*b])) {
+            match (0..tried.len())
+                .filter(|n| falls[*n] > best_fall)
+                .max_by(|a, b| falls[*a].total_cmp(&falls[*b]))
+            {
                 Some(n) => (best, best_fall) = (tried[n], falls[n]),
                 None => (of_frequency, of_damping) = (0.5 * of_frequency, 0.5 * of_damping),
             }

@@ -34,9 +34,16 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
     let mut planner = RealFftPlanner::new();
     let rate_hz = data.records[0].sample_rate_hz;
     // Experiments of one length: periods, or stretches of the records.
-    let mut length = data.records.iter().map(|r| r.counted_to - r.counted_from).min().unwrap_or(0);
+    let mut length = data
+        .records
+        .iter()
+        .map(|r| r.counted_to - r.counted_from)
+        .min()
+        .unwrap_or(0);
     if data.records.iter().any(|record| !record.periodic) {
-        length = (length * data.records.len() / (STRETCHES_OF_A_DRIVE * drives)).max(SHORTEST).min(length);
+        length = (length * data.records.len() / (STRETCHES_OF_A_DRIVE * drives))
+            .max(SHORTEST)
+            .min(length);
     }
     let mut experiments: Vec<(Spectra, Spectra, Spectra)> = Vec::new();
     for (n, record) in data.records.iter().enumerate() {
@@ -44,9 +51,18 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
         let mut from = record.counted_from;
         while from + length <= record.counted_to {
             let mut lines = |signals: &[Vec<f64>]| -> Spectra {
-                signals.iter().map(|signal| windowed(&signal[from..from + length], record.periodic, &mut planner)).collect()
+                signals
+                    .iter()
+                    .map(|signal| {
+                        windowed(&signal[from..from + length], record.periodic, &mut planner)
+                    })
+                    .collect()
             };
-            experiments.push((lines(&record.drives), lines(&record.readings), lines(&modelled)));
+            experiments.push((
+                lines(&record.drives),
+                lines(&record.readings),
+                lines(&modelled),
+            ));
             from += length;
         }
     }
@@ -60,24 +76,34 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
     }
     // With fewer experiments than drives neighbouring lines share a response.
     let shared = drives.div_ceil(experiments.len());
-    let largest = experiments.iter().flat_map(|e| e.0.iter().flatten()).fold(0.0_f64, |m, c| m.max(c.norm()));
+    let largest = experiments
+        .iter()
+        .flat_map(|e| e.0.iter().flatten())
+        .fold(0.0_f64, |m, c| m.max(c.norm()));
     let mut line = 1;
     while line + shared <= length / 2 {
         let group = line..line + shared;
         line += shared;
-        let rows: Vec<(usize, usize)> = (0..experiments.len()).flat_map(|e| group.clone().map(move |l| (e, l))).collect();
-        let u = DMatrix::from_fn(drives, rows.len(), |j, r| experiments[rows[r].0].0[j][rows[r].1]);
+        let rows: Vec<(usize, usize)> = (0..experiments.len())
+            .flat_map(|e| group.clone().map(move |l| (e, l)))
+            .collect();
+        let u = DMatrix::from_fn(drives, rows.len(), |j, r| {
+            experiments[rows[r].0].0[j][rows[r].1]
+        });
         if u.iter().fold(0.0_f64, |m, c| m.max(c.norm())) < EXCITED * largest {
             continue;
         }
-        let Some(inverse) = (&u * u.adjoint()).try_inverse() else { continue };
+        let Some(inverse) = (&u * u.adjoint()).try_inverse() else {
+            continue;
+        };
         let response = |of: &dyn Fn(usize, usize, usize) -> Complex<f64>| {
             let y = DMatrix::from_fn(sensors, rows.len(), |i, r| of(rows[r].0, i, rows[r].1));
             y * u.adjoint() * &inverse
         };
         let measured = response(&|e, i, l| experiments[e].1[i][l]);
         let modelled = response(&|e, i, l| experiments[e].2[i][l]);
-        out.frequency_hz.push((group.start as f64 + 0.5 * (shared - 1) as f64) * rate_hz / length as f64);
+        out.frequency_hz
+            .push((group.start as f64 + 0.5 * (shared - 1) as f64) * rate_hz / length as f64);
         for i in 0..sensors {
             for j in 0..drives {
                 out.measured[i][j].push(measured[(i, j)].norm());
@@ -91,8 +117,25 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
 /// Shortest stretch that is transformed.
 const SHORTEST: usize = 64;
 
-fn windowed(signal: &[f64], periodic: bool, planner: &mut RealFftPlanner<f64>) -> Vec<Complex<f64>> {
+fn windowed(
+    signal: &[f64],
+    periodic: bool,
+    planner: &mut RealFftPlanner<f64>,
+) -> Vec<Complex<f64>> {
     let mean = mean(signal);
-    let window = |k: usize| if periodic { 1.0 } else { 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / signal.len() as f64).cos() };
-    spectrum::lines(signal.iter().enumerate().map(|(k, x)| (x - mean) * window(k)).collect(), planner)
+    let window = |k: usize| {
+        if periodic {
+            1.0
+        } else {
+            0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / signal.len() as f64).cos()
+        }
+    };
+    spectrum::lines(
+        signal
+            .iter()
+            .enumerate()
+            .map(|(k, x)| (x - mean) * window(k))
+            .collect(),
+        planner,
+    )
 }

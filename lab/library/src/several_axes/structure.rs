@@ -91,16 +91,37 @@ impl AxisEffect {
     /// Where it is, in words: which drive, mode or sensor.
     #[must_use]
     pub fn place(&self, stage: &ModalStage, data: &AxesData) -> String {
-        let mode_at =
-            |mode: usize| stage.modes.get(mode).map_or_else(|| "a mode".to_owned(), |m| format!("the mode at {:.0} Hz", m.frequency_hz));
+        let mode_at = |mode: usize| {
+            stage.modes.get(mode).map_or_else(
+                || "a mode".to_owned(),
+                |m| format!("the mode at {:.0} Hz", m.frequency_hz),
+            )
+        };
         match *self {
-            Self::Vibration { mode, drive, sensor } => {
-                format!("{}, from {} to {}", mode_at(mode), data.drives[drive], data.sensors[sensor])
+            Self::Vibration {
+                mode,
+                drive,
+                sensor,
+            } => {
+                format!(
+                    "{}, from {} to {}",
+                    mode_at(mode),
+                    data.drives[drive],
+                    data.sensors[sensor]
+                )
             }
-            Self::DriveCoupling { drive, mode } => format!("{} moves {}", data.drives[drive], mode_at(mode)),
-            Self::SensorCoupling { mode, sensor } => format!("{} sees {}", data.sensors[sensor], mode_at(mode)),
-            Self::Feedthrough { drive, sensor } => format!("{} to {}", data.drives[drive], data.sensors[sensor]),
-            Self::Hysteresis { drive } | Self::Creep { drive } | Self::Delay { drive } => data.drives[drive].clone(),
+            Self::DriveCoupling { drive, mode } => {
+                format!("{} moves {}", data.drives[drive], mode_at(mode))
+            }
+            Self::SensorCoupling { mode, sensor } => {
+                format!("{} sees {}", data.sensors[sensor], mode_at(mode))
+            }
+            Self::Feedthrough { drive, sensor } => {
+                format!("{} to {}", data.drives[drive], data.sensors[sensor])
+            }
+            Self::Hysteresis { drive } | Self::Creep { drive } | Self::Delay { drive } => {
+                data.drives[drive].clone()
+            }
             Self::Friction { mode } | Self::NonlinearStiffness { mode } => mode_at(mode),
             Self::SensorBandwidth { sensor } => data.sensors[sensor].clone(),
         }
@@ -234,17 +255,33 @@ pub(super) struct Scales {
 impl Scales {
     pub(super) fn of(data: &AxesData) -> Self {
         let first = &data.records[0];
-        let reach = |j: usize| data.records.iter().flat_map(|r| &r.drives[j]).fold(0.0_f64, |m, u| m.max(u.abs())).max(1e-9);
+        let reach = |j: usize| {
+            data.records
+                .iter()
+                .flat_map(|r| &r.drives[j])
+                .fold(0.0_f64, |m, u| m.max(u.abs()))
+                .max(1e-9)
+        };
         let rms = |i: usize| {
-            let counted: Vec<f64> = data.records.iter().flat_map(|r| r.readings[i][r.counted_from..r.counted_to].iter().copied()).collect();
+            let counted: Vec<f64> = data
+                .records
+                .iter()
+                .flat_map(|r| r.readings[i][r.counted_from..r.counted_to].iter().copied())
+                .collect();
             let mean = counted.iter().sum::<f64>() / counted.len() as f64;
-            (counted.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / counted.len() as f64).sqrt().max(1e-12)
+            (counted.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / counted.len() as f64)
+                .sqrt()
+                .max(1e-12)
         };
         Self {
             drive_reach: (0..first.drives.len()).map(reach).collect(),
             reading_rms: (0..first.readings.len()).map(rms).collect(),
             dt_s: first.dt_s(),
-            duration_s: data.records.iter().map(|r| r.drives[0].len() as f64 * r.dt_s()).fold(0.0, f64::max),
+            duration_s: data
+                .records
+                .iter()
+                .map(|r| r.drives[0].len() as f64 * r.dt_s())
+                .fold(0.0, f64::max),
         }
     }
 
@@ -294,7 +331,10 @@ impl Described {
     /// A stage in which nothing moves.
     #[must_use]
     pub fn empty(data: &AxesData) -> Self {
-        Self { stage: ModalStage::at_rest(data.drives.len(), data.sensors.len()), effects: Vec::new() }
+        Self {
+            stage: ModalStage::at_rest(data.drives.len(), data.sensors.len()),
+            effects: Vec::new(),
+        }
     }
 
     /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, or the
@@ -305,20 +345,31 @@ impl Described {
         match effect {
             AxisEffect::Vibration { drive, mode, .. } => {
                 debug_assert_eq!(mode, stage.modes.len());
-                let mut mode = StageMode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
+                let mut mode =
+                    StageMode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
                 mode.of_drives[drive] = 1.0;
                 stage.modes.push(mode);
             }
             AxisEffect::Hysteresis { drive } => {
-                let threshold = |k: usize| scales.drive_reach[drive] * (k as f64 + 0.5) / PLAYS as f64;
+                let threshold =
+                    |k: usize| scales.drive_reach[drive] * (k as f64 + 0.5) / PLAYS as f64;
                 stage.drives[drive].plays = (0..PLAYS).map(|k| [threshold(k), 0.0]).collect();
             }
             AxisEffect::Creep { drive } => {
-                let (from_s, to_s) = (FASTEST_CREEP * scales.dt_s, scales.duration_s.max(2.0 * FASTEST_CREEP * scales.dt_s));
-                let tau_s = |k: usize| from_s * (to_s / from_s).powf(k as f64 / (CREEP_TERMS - 1) as f64);
+                let (from_s, to_s) = (
+                    FASTEST_CREEP * scales.dt_s,
+                    scales.duration_s.max(2.0 * FASTEST_CREEP * scales.dt_s),
+                );
+                let tau_s =
+                    |k: usize| from_s * (to_s / from_s).powf(k as f64 / (CREEP_TERMS - 1) as f64);
                 stage.drives[drive].creep = (0..CREEP_TERMS).map(|k| [0.0, tau_s(k)]).collect();
             }
-            AxisEffect::Friction { mode } => stage.modes[mode].friction = Some(ModeFriction { force: 0.0, bend: guess[0] }),
+            AxisEffect::Friction { mode } => {
+                stage.modes[mode].friction = Some(ModeFriction {
+                    force: 0.0,
+                    bend: guess[0],
+                })
+            }
             _ => {}
         }
         out.effects.push(effect);
@@ -337,7 +388,8 @@ impl Described {
         let stage = &mut self.stage;
         match effect {
             AxisEffect::Vibration { mode, .. } => {
-                self.effects.retain(|other| other.needs_mode() != Some(mode));
+                self.effects
+                    .retain(|other| other.needs_mode() != Some(mode));
                 stage.modes.remove(mode);
                 let lower = |r: &mut usize| *r -= usize::from(*r > mode);
                 for other in &mut self.effects {
@@ -352,13 +404,17 @@ impl Described {
                 }
             }
             AxisEffect::DriveCoupling { drive, mode } => stage.modes[mode].of_drives[drive] = 0.0,
-            AxisEffect::SensorCoupling { mode, sensor } => stage.modes[mode].of_sensors[sensor] = 0.0,
+            AxisEffect::SensorCoupling { mode, sensor } => {
+                stage.modes[mode].of_sensors[sensor] = 0.0
+            }
             AxisEffect::Feedthrough { drive, sensor } => stage.feedthrough[sensor][drive] = 0.0,
             AxisEffect::Hysteresis { drive } => stage.drives[drive].plays.clear(),
             AxisEffect::Creep { drive } => stage.drives[drive].creep.clear(),
             AxisEffect::Delay { drive } => stage.drives[drive].delay_s = 0.0,
             AxisEffect::Friction { mode } => stage.modes[mode].friction = None,
-            AxisEffect::NonlinearStiffness { mode } => (stage.modes[mode].quadratic, stage.modes[mode].cubic) = (0.0, 0.0),
+            AxisEffect::NonlinearStiffness { mode } => {
+                (stage.modes[mode].quadratic, stage.modes[mode].cubic) = (0.0, 0.0)
+            }
             AxisEffect::SensorBandwidth { sensor } => stage.sensors[sensor].lag_s = 0.0,
         }
     }
@@ -367,23 +423,38 @@ impl Described {
     pub(super) fn free_of(&self, effect: AxisEffect) -> Vec<Free> {
         match effect {
             AxisEffect::Vibration { mode, sensor, .. } => {
-                vec![Free::LogFrequency(mode), Free::LogDamping(mode), Free::OfSensor(mode, sensor)]
+                vec![
+                    Free::LogFrequency(mode),
+                    Free::LogDamping(mode),
+                    Free::OfSensor(mode, sensor),
+                ]
             }
             AxisEffect::DriveCoupling { drive, mode } => vec![Free::OfDrive(mode, drive)],
             AxisEffect::SensorCoupling { mode, sensor } => vec![Free::OfSensor(mode, sensor)],
             AxisEffect::Feedthrough { drive, sensor } => vec![Free::Feedthrough(sensor, drive)],
-            AxisEffect::Hysteresis { drive } => (0..KNOTS).map(|knot| Free::Play(drive, knot)).collect(),
-            AxisEffect::Creep { drive } => (0..self.stage.drives[drive].creep.len()).map(|k| Free::Creep(drive, k)).collect(),
+            AxisEffect::Hysteresis { drive } => {
+                (0..KNOTS).map(|knot| Free::Play(drive, knot)).collect()
+            }
+            AxisEffect::Creep { drive } => (0..self.stage.drives[drive].creep.len())
+                .map(|k| Free::Creep(drive, k))
+                .collect(),
             AxisEffect::Delay { drive } => vec![Free::Delay(drive)],
-            AxisEffect::Friction { mode } => vec![Free::FrictionForce(mode), Free::LogFrictionBend(mode)],
-            AxisEffect::NonlinearStiffness { mode } => vec![Free::Quadratic(mode), Free::Cubic(mode)],
+            AxisEffect::Friction { mode } => {
+                vec![Free::FrictionForce(mode), Free::LogFrictionBend(mode)]
+            }
+            AxisEffect::NonlinearStiffness { mode } => {
+                vec![Free::Quadratic(mode), Free::Cubic(mode)]
+            }
             AxisEffect::SensorBandwidth { sensor } => vec![Free::Lag(sensor)],
         }
     }
 
     /// All numbers that are estimated.
     pub(super) fn free(&self) -> Vec<Free> {
-        self.effects.iter().flat_map(|effect| self.free_of(*effect)).collect()
+        self.effects
+            .iter()
+            .flat_map(|effect| self.free_of(*effect))
+            .collect()
     }
 
     /// How many numbers are estimated.

@@ -2,13 +2,19 @@
 
 use crate::error::Result;
 use crate::parallel;
-use crate::synthetic::case::{CaseOrder, OUTSIDE_LIBRARY, SyntheticCase, Truth, belongs_to_surfaces, simulate_case};
+use crate::synthetic::case::{
+    CaseOrder, OUTSIDE_LIBRARY, SyntheticCase, Truth, belongs_to_surfaces, simulate_case,
+};
 use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, registry, vibration};
 
 /// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the
 /// chain.
 fn kinds_of(wanted: impl Fn(Planted) -> bool) -> Vec<String> {
-    registry().into_iter().filter(|e| wanted(e.planted())).map(|e| e.declaration().id).collect()
+    registry()
+        .into_iter()
+        .filter(|e| wanted(e.planted()))
+        .map(|e| e.declaration().id)
+        .collect()
 }
 
 /// All combinations of so many of the effects that are hidden together, in the order of the chain.
@@ -17,7 +23,12 @@ fn combinations(of: usize) -> Vec<Vec<String>> {
     let mut out: Vec<(usize, Vec<String>)> = vec![(0, Vec::new())];
     for _ in 0..of {
         let longer = |(next, chosen): &(usize, Vec<String>)| {
-            let each = (*next..combined.len()).map(|i| (i + 1, chosen.iter().chain([&combined[i]]).cloned().collect()));
+            let each = (*next..combined.len()).map(|i| {
+                (
+                    i + 1,
+                    chosen.iter().chain([&combined[i]]).cloned().collect(),
+                )
+            });
             each.collect::<Vec<_>>()
         };
         out = out.iter().flat_map(longer).collect();
@@ -32,7 +43,14 @@ pub fn kinds(wanted: &str) -> Option<Vec<Vec<String>>> {
         "all" => {
             let known = kinds_of(|planted| planted != Planted::Never);
             let unknown = OUTSIDE_LIBRARY.map(String::from);
-            Some(known.into_iter().chain(unknown).map(|id| vec![id]).chain(std::iter::once(Vec::new())).collect())
+            Some(
+                known
+                    .into_iter()
+                    .chain(unknown)
+                    .map(|id| vec![id])
+                    .chain(std::iter::once(Vec::new()))
+                    .collect(),
+            )
         }
         "pairs" => Some(combinations(2)),
         "triples" => Some(combinations(3)),
@@ -50,9 +68,17 @@ fn base_of(hidden: &[String], number: usize) -> Vec<String> {
         base.push(creep::ID);
     }
     // What comes with a hidden effect is hidden too.
-    let with_hidden: Vec<&str> = hidden.iter().filter_map(|id| by_id(id)).flat_map(|e| e.comes_with()).copied().collect();
+    let with_hidden: Vec<&str> = hidden
+        .iter()
+        .filter_map(|id| by_id(id))
+        .flat_map(|e| e.comes_with())
+        .copied()
+        .collect();
     let excluded = |id: &str| hidden.iter().any(|h| h == id) || with_hidden.contains(&id);
-    base.into_iter().filter(|id| !excluded(id)).map(String::from).collect()
+    base.into_iter()
+        .filter(|id| !excluded(id))
+        .map(String::from)
+        .collect()
 }
 
 /// A set of cases.
@@ -74,12 +100,19 @@ impl SetOrder {
     #[must_use]
     pub fn cases(&self) -> Vec<(String, CaseOrder)> {
         let mut orders: Vec<(String, CaseOrder)> = Vec::new();
-        let of_surfaces = |id: &String| by_id(id).is_some_and(|e| belongs_to_surfaces(&e.declaration()));
-        let can_be_hidden = |hidden: &&Vec<String>| self.hysteresis == hysteresis::ID || !hidden.iter().any(of_surfaces);
+        let of_surfaces =
+            |id: &String| by_id(id).is_some_and(|e| belongs_to_surfaces(&e.declaration()));
+        let can_be_hidden = |hidden: &&Vec<String>| {
+            self.hysteresis == hysteresis::ID || !hidden.iter().any(of_surfaces)
+        };
         for _ in 0..self.cases {
             for hidden in self.hidden.iter().filter(can_be_hidden) {
                 // Nothing has no strength.
-                let strengths = if hidden.is_empty() { &self.strengths[..1] } else { &self.strengths[..] };
+                let strengths = if hidden.is_empty() {
+                    &self.strengths[..1]
+                } else {
+                    &self.strengths[..]
+                };
                 for strength in strengths {
                     let number = orders.len();
                     let order = CaseOrder {
@@ -100,7 +133,10 @@ impl SetOrder {
 ///
 /// # Errors
 /// As [`simulate_case`], and those of `done`.
-pub fn simulate_set(order: &SetOrder, done: &(dyn Fn(&SyntheticCase) -> Result<()> + Sync)) -> Result<Vec<Truth>> {
+pub fn simulate_set(
+    order: &SetOrder,
+    done: &(dyn Fn(&SyntheticCase) -> Result<()> + Sync),
+) -> Result<Vec<Truth>> {
     let simulated = parallel::map(&order.cases(), |(name, one)| {
         let mut case = simulate_case(one, name)?;
         case.truth.name.clone_from(name);
@@ -117,21 +153,42 @@ mod tests {
     #[test]
     fn sets_hide_what_the_effects_declare() {
         let all = kinds("all").unwrap();
-        for effect in registry().iter().filter(|e| e.declaration().candidate && e.planted() != Planted::Never) {
-            assert!(all.contains(&vec![effect.declaration().id]), "{}", effect.declaration().id);
+        for effect in registry()
+            .iter()
+            .filter(|e| e.declaration().candidate && e.planted() != Planted::Never)
+        {
+            assert!(
+                all.contains(&vec![effect.declaration().id]),
+                "{}",
+                effect.declaration().id
+            );
         }
-        assert!(all.contains(&Vec::new()) && OUTSIDE_LIBRARY.iter().all(|id| all.contains(&vec![(*id).to_owned()])));
-        let paired = registry().iter().filter(|e| e.planted() == Planted::InPairs).count();
+        assert!(
+            all.contains(&Vec::new())
+                && OUTSIDE_LIBRARY
+                    .iter()
+                    .all(|id| all.contains(&vec![(*id).to_owned()]))
+        );
+        let paired = registry()
+            .iter()
+            .filter(|e| e.planted() == Planted::InPairs)
+            .count();
         assert_eq!(kinds("pairs").unwrap().len(), paired * (paired - 1) / 2);
         let triples = kinds("triples").unwrap();
         assert_eq!(triples.len(), paired * (paired - 1) * (paired - 2) / 6);
-        assert!(triples.iter().all(|three| three.len() == 3 && three[0] != three[1] && three[1] != three[2] && three[0] != three[2]));
+        assert!(triples.iter().all(|three| three.len() == 3
+            && three[0] != three[1]
+            && three[1] != three[2]
+            && three[0] != three[2]));
         assert!(kinds("creep").is_none());
     }
 
     #[test]
     fn what_comes_with_a_hidden_effect_is_not_modelled() {
         assert_eq!(base_of(&[hysteresis::ID.to_owned()], 0), [vibration::ID]);
-        assert_eq!(base_of(&["delay".to_owned()], 1), [hysteresis::ID, initial_curve::ID, vibration::ID, creep::ID]);
+        assert_eq!(
+            base_of(&["delay".to_owned()], 1),
+            [hysteresis::ID, initial_curve::ID, vibration::ID, creep::ID]
+        );
     }
 }

@@ -50,7 +50,10 @@ pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             "hold" | "hold2" => 1.0,
             _ => return drive,
         };
-        DriveOfRecord { drive_v: conditioned(drive.rate_hz, peak_v, seconds, drive.drive_v), ..drive }
+        DriveOfRecord {
+            drive_v: conditioned(drive.rate_hz, peak_v, seconds, drive.drive_v),
+            ..drive
+        }
     };
     bare_drives(peak_v, seed).into_iter().map(begun).collect()
 }
@@ -67,7 +70,13 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
         for hz in [5.0_f64, 20.0, 50.0, 100.0, 200.0, 400.0] {
             let amplitude = peak_v * if hz < 60.0 { 0.42 } else { 0.17 };
             let seconds = (3.0 / hz).clamp(0.03, 0.25);
-            out.extend(waveform::sine_burst(20_000.0, hz, amplitude, 0.45 * peak_v, seconds));
+            out.extend(waveform::sine_burst(
+                20_000.0,
+                hz,
+                amplitude,
+                0.45 * peak_v,
+                seconds,
+            ));
         }
         out
     };
@@ -79,7 +88,11 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             let t = f64::from(k) / 20_000.0;
             let ramp = (t / 0.03).min(1.0);
             let tau = std::f64::consts::TAU;
-            ramp * peak_v * (0.46 + 0.21 * (tau * 13.0 * t).sin() + 0.12 * (tau * 47.0 * t + 1.0).sin() + 0.06 * (tau * 131.0 * t).sin())
+            ramp * peak_v
+                * (0.46
+                    + 0.21 * (tau * 13.0 * t).sin()
+                    + 0.12 * (tau * 47.0 * t + 1.0).sin()
+                    + 0.06 * (tau * 131.0 * t).sin())
         })
         .collect();
     vec![
@@ -88,7 +101,8 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             role: "identify",
             rate_hz: 2000.0,
             drive_v: stair(&[
-                20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0, 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
+                20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0,
+                55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
             ]),
             period_s: None,
             initial_state: "virgin",
@@ -98,7 +112,9 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             name: "stair2",
             role: "validate",
             rate_hz: 2000.0,
-            drive_v: stair(&[15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0]),
+            drive_v: stair(&[
+                15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0,
+            ]),
             period_s: None,
             initial_state: "virgin",
             from_s: None,
@@ -125,7 +141,14 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             name: "hold",
             role: "identify",
             rate_hz: 200.0,
-            drive_v: waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
+            drive_v: waveform::steps(
+                200.0,
+                &[
+                    (0.43 * peak_v, 12.0),
+                    (0.79 * peak_v, 12.0),
+                    (0.21 * peak_v, 12.0),
+                ],
+            ),
             period_s: None,
             initial_state: "virgin",
             from_s: None,
@@ -134,7 +157,14 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             name: "hold2",
             role: "validate",
             rate_hz: 200.0,
-            drive_v: waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
+            drive_v: waveform::steps(
+                200.0,
+                &[
+                    (0.64 * peak_v, 9.0),
+                    (0.29 * peak_v, 9.0),
+                    (0.86 * peak_v, 9.0),
+                ],
+            ),
             period_s: None,
             initial_state: "virgin",
             from_s: None,
@@ -184,8 +214,16 @@ fn in_a_session(drive: DriveOfRecord, range_v: f64) -> DriveOfRecord {
     drive_v.extend(way(last, 0.0));
     drive_v.push(0.0);
     // The first period still carries what came before it.
-    let period_s = drive.period_s.map(|(period_s, _)| (period_s, begins_s + period_s));
-    DriveOfRecord { drive_v, period_s, initial_state: "unknown", from_s: Some(from_s), ..drive }
+    let period_s = drive
+        .period_s
+        .map(|(period_s, _)| (period_s, begins_s + period_s));
+    DriveOfRecord {
+        drive_v,
+        period_s,
+        initial_state: "unknown",
+        from_s: Some(from_s),
+        ..drive
+    }
 }
 
 /// Drives for a recording between two limits, in the order in which they are played: first nested triangles
@@ -200,20 +238,37 @@ pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
         name: "wideband",
         role: "identify",
         rate_hz: SERVO_RATE_HZ,
-        drive_v: waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED),
+        drive_v: waveform::multisine(
+            WIDEBAND_PERIOD,
+            &lines,
+            0.05 * range_v,
+            0.5 * range_v,
+            10,
+            SEED,
+        ),
         period_s: Some((WIDEBAND_PERIOD as f64 * SAMPLING_PERIOD_S, 0.0)),
         initial_state: "unknown",
         from_s: None,
     };
     let prepared = |drive: DriveOfRecord| match drive.name {
         "stair" => drive,
-        "rest" => DriveOfRecord { initial_state: "unknown", ..drive },
+        "rest" => DriveOfRecord {
+            initial_state: "unknown",
+            ..drive
+        },
         _ => in_a_session(drive, range_v),
     };
-    let mut out: Vec<DriveOfRecord> = bare_drives(range_v, SEED).into_iter().chain([wideband]).map(prepared).collect();
+    let mut out: Vec<DriveOfRecord> = bare_drives(range_v, SEED)
+        .into_iter()
+        .chain([wideband])
+        .map(prepared)
+        .collect();
     for drive in &mut out {
         // The last bit of a product must not lead beyond the limit.
-        drive.drive_v.iter_mut().for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
+        drive
+            .drive_v
+            .iter_mut()
+            .for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
     }
     out
 }
@@ -240,24 +295,49 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let middle_hz = SERVO_RATE_HZ / MIDDLE_TICKS;
     let hold_hz = SERVO_RATE_HZ / HOLD_TICKS;
     let stair = |tops: &[f64]| {
-        let vertices: Vec<f64> = std::iter::once(&0.0).chain(tops).map(|top| top * range_v).collect();
+        let vertices: Vec<f64> = std::iter::once(&0.0)
+            .chain(tops)
+            .map(|top| top * range_v)
+            .collect();
         waveform::triangles(slow_hz, 5.5 * range_v, &vertices)
     };
-    let bursts: Vec<f64> = [(20.0, 0.42), (50.0, 0.3), (100.0, 0.17), (200.0, 0.17), (400.0, 0.17)]
-        .into_iter()
-        .flat_map(|(hz, share): (f64, f64)| waveform::sine_burst(middle_hz, hz, share * range_v, 0.45 * range_v, (3.0 / hz).max(0.05)))
-        .collect();
+    let bursts: Vec<f64> = [
+        (20.0, 0.42),
+        (50.0, 0.3),
+        (100.0, 0.17),
+        (200.0, 0.17),
+        (400.0, 0.17),
+    ]
+    .into_iter()
+    .flat_map(|(hz, share): (f64, f64)| {
+        waveform::sine_burst(
+            middle_hz,
+            hz,
+            share * range_v,
+            0.45 * range_v,
+            (3.0 / hz).max(0.05),
+        )
+    })
+    .collect();
     let several: Vec<f64> = (0..4000)
         .map(|k| {
             let (t, end_s) = (f64::from(k) / middle_hz, 4000.0 / middle_hz);
             let ramp = (t.min(end_s - t) / 0.03).min(1.0);
             let sine = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
-            ramp * range_v * (0.46 + 0.21 * sine(13.0, 0.0) + 0.12 * sine(47.0, 1.0) + 0.06 * sine(131.0, 0.0))
+            ramp * range_v
+                * (0.46 + 0.21 * sine(13.0, 0.0) + 0.12 * sine(47.0, 1.0) + 0.06 * sine(131.0, 0.0))
         })
         .collect();
     let last = (RECOMMENDED_MULTISINE_HZ * SAMPLING_PERIOD_S * WIDEBAND_PERIOD as f64) as usize;
     let lines: Vec<usize> = (1..=last).step_by(3).collect();
-    let wideband = waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 4, SEED);
+    let wideband = waveform::multisine(
+        WIDEBAND_PERIOD,
+        &lines,
+        0.05 * range_v,
+        0.5 * range_v,
+        4,
+        SEED,
+    );
     let period_s = WIDEBAND_PERIOD as f64 * SAMPLING_PERIOD_S;
     // No point may be further from the one before than the slew limit of a slow amplifier leads in a few
     // ticks.
@@ -268,10 +348,17 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     };
     let holds = {
         let mut out = Vec::new();
-        for pair in [0.0, 0.43, 0.79, 0.21, 0.0].map(|share| share * range_v).windows(2) {
+        for pair in [0.0, 0.43, 0.79, 0.21, 0.0]
+            .map(|share| share * range_v)
+            .windows(2)
+        {
             let [before_v, level_v] = [pair[0], pair[1]];
             out.extend(way(hold_hz, before_v, level_v));
-            out.extend(waveform::hold(hold_hz, level_v, if level_v > 0.0 { 0.9 } else { 0.05 }));
+            out.extend(waveform::hold(
+                hold_hz,
+                level_v,
+                if level_v > 0.0 { 0.9 } else { 0.05 },
+            ));
         }
         out
     };
@@ -292,20 +379,37 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
         initial_state: "unknown",
         from_s: None,
     };
-    let first = [0.29, 0.07, 0.5, 0.14, 0.71, 0.29, 0.64, 0.36, 0.86, 0.0, 1.0, 0.0, 0.93, 0.14, 0.79, 0.29, 0.64, 0.43, 0.57, 0.0];
-    let second = [0.21, 0.04, 0.6, 0.26, 0.79, 0.11, 0.54, 0.2, 0.94, 0.43, 0.83, 0.31, 0.67, 0.0];
+    let first = [
+        0.29, 0.07, 0.5, 0.14, 0.71, 0.29, 0.64, 0.36, 0.86, 0.0, 1.0, 0.0, 0.93, 0.14, 0.79, 0.29,
+        0.64, 0.43, 0.57, 0.0,
+    ];
+    let second = [
+        0.21, 0.04, 0.6, 0.26, 0.79, 0.11, 0.54, 0.2, 0.94, 0.43, 0.83, 0.31, 0.67, 0.0,
+    ];
     let mut out = vec![
-        DriveOfRecord { initial_state: "settled", ..drive("rest", "noise", SERVO_RATE_HZ, vec![0.0; 4000]) },
-        DriveOfRecord { initial_state: "settled", ..drive("stair", "identify", slow_hz, stair(&first)) },
+        DriveOfRecord {
+            initial_state: "settled",
+            ..drive("rest", "noise", SERVO_RATE_HZ, vec![0.0; 4000])
+        },
+        DriveOfRecord {
+            initial_state: "settled",
+            ..drive("stair", "identify", slow_hz, stair(&first))
+        },
         drive("stair2", "validate", slow_hz, stair(&second)),
         drive("sines", "identify", middle_hz, bursts),
         drive("validation", "validate", middle_hz, several),
-        DriveOfRecord { period_s: Some((period_s, period_s)), ..drive("wideband", "identify", SERVO_RATE_HZ, wideband) },
+        DriveOfRecord {
+            period_s: Some((period_s, period_s)),
+            ..drive("wideband", "identify", SERVO_RATE_HZ, wideband)
+        },
         drive("hold", "identify", hold_hz, holds),
     ];
     for drive in &mut out {
         // The last bit of a product must not lead beyond the limit.
-        drive.drive_v.iter_mut().for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
+        drive
+            .drive_v
+            .iter_mut()
+            .for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
     }
     out
 }
@@ -313,7 +417,9 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
 /// The manifest for recordings that have the names of their drives.
 #[must_use]
 pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -> String {
-    let mut text = format!("name = \"{name}\"\ndrive_min_v = {low_v:?}\ndrive_max_v = {high_v:?}\ntiming = \"hold_after_sample\"\n");
+    let mut text = format!(
+        "name = \"{name}\"\ndrive_min_v = {low_v:?}\ndrive_max_v = {high_v:?}\ntiming = \"hold_after_sample\"\n"
+    );
     for drive in drives {
         text.push_str(&format!(
             "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"{}\"\n",
@@ -323,7 +429,9 @@ pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -
             text.push_str(&format!("from_s = {from_s:?}\n"));
         }
         if let Some((period_s, from_s)) = drive.period_s {
-            text.push_str(&format!("period_s = {period_s:?}\nperiodic_from_s = {from_s:?}\n"));
+            text.push_str(&format!(
+                "period_s = {period_s:?}\nperiodic_from_s = {from_s:?}\n"
+            ));
         }
     }
     text
@@ -337,13 +445,44 @@ mod tests {
     fn a_board_has_room_for_the_drives_that_it_plays() {
         for (low, high) in [(0.0, 70.0), (-20.0, 130.0)] {
             for drive in board_drives(low, high) {
-                let points = drive.period_s.map_or(drive.drive_v.len(), |(period_s, _)| (period_s * drive.rate_hz).round() as usize);
-                assert!(points <= 4096 && drive.drive_v.len() <= 16_383, "{}: {points} of {}", drive.name, drive.drive_v.len());
-                assert!(drive.drive_v.iter().all(|u| (low..=high).contains(u)), "{}", drive.name);
-                let jump = drive.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold((drive.drive_v[0] - low).abs(), f64::max);
-                assert!(drive.period_s.is_some() || jump < 0.1 * (high - low), "{} jumps by {jump} V", drive.name);
-                assert!((SERVO_RATE_HZ / drive.rate_hz).fract() == 0.0, "{}: whole ticks", drive.name);
-                assert!(drive.drive_v.iter().zip(drive.drive_v.iter().skip(points)).all(|(a, b)| a == b), "{} repeats", drive.name);
+                let points = drive.period_s.map_or(drive.drive_v.len(), |(period_s, _)| {
+                    (period_s * drive.rate_hz).round() as usize
+                });
+                assert!(
+                    points <= 4096 && drive.drive_v.len() <= 16_383,
+                    "{}: {points} of {}",
+                    drive.name,
+                    drive.drive_v.len()
+                );
+                assert!(
+                    drive.drive_v.iter().all(|u| (low..=high).contains(u)),
+                    "{}",
+                    drive.name
+                );
+                let jump = drive
+                    .drive_v
+                    .windows(2)
+                    .map(|w| (w[1] - w[0]).abs())
+                    .fold((drive.drive_v[0] - low).abs(), f64::max);
+                assert!(
+                    drive.period_s.is_some() || jump < 0.1 * (high - low),
+                    "{} jumps by {jump} V",
+                    drive.name
+                );
+                assert!(
+                    (SERVO_RATE_HZ / drive.rate_hz).fract() == 0.0,
+                    "{}: whole ticks",
+                    drive.name
+                );
+                assert!(
+                    drive
+                        .drive_v
+                        .iter()
+                        .zip(drive.drive_v.iter().skip(points))
+                        .all(|(a, b)| a == b),
+                    "{} repeats",
+                    drive.name
+                );
             }
         }
     }
@@ -353,22 +492,52 @@ mod tests {
         for (low, high) in [(0.0, 70.0), (-20.0, 130.0)] {
             let all = recommended_drives(low, high);
             for drive in &all {
-                assert!(drive.drive_v.iter().all(|u| (low..=high).contains(u)), "{} within {low}..{high}", drive.name);
+                assert!(
+                    drive.drive_v.iter().all(|u| (low..=high).contains(u)),
+                    "{} within {low}..{high}",
+                    drive.name
+                );
                 let last = drive.drive_v[drive.drive_v.len() - 1];
-                assert!(drive.drive_v[0] == low && last == low, "{} begins and ends at rest", drive.name);
-                let jump = drive.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+                assert!(
+                    drive.drive_v[0] == low && last == low,
+                    "{} begins and ends at rest",
+                    drive.name
+                );
+                let jump = drive
+                    .drive_v
+                    .windows(2)
+                    .map(|w| (w[1] - w[0]).abs())
+                    .fold(0.0, f64::max);
                 // Holds are steps, and bursts of 400 Hz are fast.
-                assert!(drive.name.starts_with("hold") || jump < 0.1 * (high - low), "{} jumps by {jump} V", drive.name);
+                assert!(
+                    drive.name.starts_with("hold") || jump < 0.1 * (high - low),
+                    "{} jumps by {jump} V",
+                    drive.name
+                );
                 if let Some((period_s, from_s)) = drive.period_s {
-                    let (period, from) = ((period_s * drive.rate_hz).round() as usize, (from_s * drive.rate_hz).round() as usize);
+                    let (period, from) = (
+                        (period_s * drive.rate_hz).round() as usize,
+                        (from_s * drive.rate_hz).round() as usize,
+                    );
                     // The rest of a period at the end, the way back to rest, does not count.
                     let whole = (drive.drive_v.len() - from) / period * period;
-                    let repeats = (from..from + whole - period).all(|k| (drive.drive_v[k] - drive.drive_v[k + period]).abs() < 1e-9);
-                    assert!(repeats && whole > 3 * period, "{}: {whole} samples of whole periods", drive.name);
+                    let repeats = (from..from + whole - period)
+                        .all(|k| (drive.drive_v[k] - drive.drive_v[k + period]).abs() < 1e-9);
+                    assert!(
+                        repeats && whole > 3 * period,
+                        "{}: {whole} samples of whole periods",
+                        drive.name
+                    );
                 }
             }
-            let widest = all.iter().map(|d| d.drive_v.iter().fold(low, |m, u| m.max(*u))).fold(low, f64::max);
-            assert!(widest > low + 0.99 * (high - low), "the loops go over the whole range");
+            let widest = all
+                .iter()
+                .map(|d| d.drive_v.iter().fold(low, |m, u| m.max(*u)))
+                .fold(low, f64::max);
+            assert!(
+                widest > low + 0.99 * (high - low),
+                "the loops go over the whole range"
+            );
         }
     }
 }

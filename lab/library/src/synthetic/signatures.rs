@@ -11,7 +11,9 @@ use super::drives::{DriveOfRecord, drives};
 use crate::error::Result;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::Hysteresis;
-use hysteron_sim::effect::{Declaration, Effect, Parameter, Scale, SimulatedStage, gain, registry, vibration};
+use hysteron_sim::effect::{
+    Declaration, Effect, Parameter, Scale, SimulatedStage, gain, registry, vibration,
+};
 use std::sync::Arc;
 
 /// First mode of the actuator that the signatures are simulated on, rad/s and damping ratio.
@@ -57,7 +59,10 @@ impl Signature {
     #[must_use]
     pub fn clearest(&self) -> Option<&SignatureOnRecord> {
         let followed = self.records.iter().filter(|on| on.record != "multisine");
-        followed.max_by(|a, b| mean_product(&a.signature_um, &a.signature_um).total_cmp(&mean_product(&b.signature_um, &b.signature_um)))
+        followed.max_by(|a, b| {
+            mean_product(&a.signature_um, &a.signature_um)
+                .total_cmp(&mean_product(&b.signature_um, &b.signature_um))
+        })
     }
 }
 
@@ -73,8 +78,16 @@ fn beside(signal: &[f64], line: &[f64]) -> Vec<f64> {
     };
     let (signal, line) = (centred(signal), centred(line));
     let power = mean_product(&line, &line);
-    let slope = if power > 0.0 { mean_product(&signal, &line) / power } else { 0.0 };
-    signal.iter().zip(&line).map(|(s, l)| s - slope * l).collect()
+    let slope = if power > 0.0 {
+        mean_product(&signal, &line) / power
+    } else {
+        0.0
+    };
+    signal
+        .iter()
+        .zip(&line)
+        .map(|(s, l)| s - slope * l)
+        .collect()
 }
 
 /// Signatures of all built-in effects.
@@ -85,14 +98,30 @@ pub fn signatures() -> Result<Vec<Signature>> {
     let overview = reference_overview(DRIVE_MAX_V);
     let (loops_um, remnant_um) = reference_surfaces(DRIVE_MAX_V, 1.0)?;
     let [natural_frequency_rad_s, damping_ratio] = MODE;
-    let stage = SimulatedStage { overview: overview.clone(), natural_frequency_rad_s, damping_ratio, remnant_um };
+    let stage = SimulatedStage {
+        overview: overview.clone(),
+        natural_frequency_rad_s,
+        damping_ratio,
+        remnant_um,
+    };
     let mut base = Model::new(0.0, DRIVE_MAX_V);
-    base.add(EffectInstance::new(Arc::new(Hysteresis { degree: 4 }), &overview, &loops_um));
+    base.add(EffectInstance::new(
+        Arc::new(Hysteresis { degree: 4 }),
+        &overview,
+        &loops_um,
+    ));
     let mode: Arc<dyn Effect> = Arc::new(vibration::Vibration);
     base.add(EffectInstance::new(mode, &overview, &MODE));
     let mut line = Model::new(0.0, DRIVE_MAX_V);
-    line.add(EffectInstance::new(Arc::new(gain::Gain), &overview, &[overview.gain_um_v]));
-    let driven: Vec<DriveOfRecord> = drives(DRIVE_MAX_V, 1).into_iter().filter(|d| RECORDS.contains(&d.name)).collect();
+    line.add(EffectInstance::new(
+        Arc::new(gain::Gain),
+        &overview,
+        &[overview.gain_um_v],
+    ));
+    let driven: Vec<DriveOfRecord> = drives(DRIVE_MAX_V, 1)
+        .into_iter()
+        .filter(|d| RECORDS.contains(&d.name))
+        .collect();
     let mut found: Vec<Signature> = Vec::new();
     for effect in registry() {
         let declaration = effect.declaration();
@@ -105,16 +134,35 @@ pub fn signatures() -> Result<Vec<Signature>> {
             hysteron_sim::effect::hysteresis::ID => loops_um.clone(),
             _ => example_values(effect.as_ref(), &stage),
         };
-        let effect = if declaration.id == hysteron_sim::effect::hysteresis::ID { Arc::new(Hysteresis { degree: 4 }) } else { effect };
+        let effect = if declaration.id == hysteron_sim::effect::hysteresis::ID {
+            Arc::new(Hysteresis { degree: 4 })
+        } else {
+            effect
+        };
         let instance = EffectInstance::new(effect, &overview, &values);
-        let parameters = instance.parameters.iter().map(|p| (p.parameter.clone(), p.value)).collect();
+        let parameters = instance
+            .parameters
+            .iter()
+            .map(|p| (p.parameter.clone(), p.value))
+            .collect();
         let mut with = without.clone();
         with.add(instance);
-        let records = driven.iter().map(|drive| on_record(&with, without, drive)).collect();
-        found.push(Signature { declaration, parameters, records, alike: Vec::new() });
+        let records = driven
+            .iter()
+            .map(|drive| on_record(&with, without, drive))
+            .collect();
+        found.push(Signature {
+            declaration,
+            parameters,
+            records,
+            alike: Vec::new(),
+        });
     }
     let lists: Vec<Vec<(String, f64)>> = found.iter().map(|one| alike(one, &found)).collect();
-    found.iter_mut().zip(lists).for_each(|(one, list)| one.alike = list);
+    found
+        .iter_mut()
+        .zip(lists)
+        .for_each(|(one, list)| one.alike = list);
     Ok(found)
 }
 
@@ -122,9 +170,16 @@ pub fn signatures() -> Result<Vec<Signature>> {
 /// that are fixed, two steps of every coefficient that starts at zero.
 fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
     let overview = &stage.overview;
-    let values = effect.values_at(STRENGTH, stage, &mut || 0.5).or_else(|| effect.starts(overview).into_iter().next()).unwrap_or_default();
+    let values = effect
+        .values_at(STRENGTH, stage, &mut || 0.5)
+        .or_else(|| effect.starts(overview).into_iter().next())
+        .unwrap_or_default();
     let parameters = effect.parameters(overview);
-    if values.iter().zip(&parameters).any(|(value, p)| *value != 0.0 && !p.fixed) {
+    if values
+        .iter()
+        .zip(&parameters)
+        .any(|(value, p)| *value != 0.0 && !p.fixed)
+    {
         return values;
     }
     let begun = |(i, p): (usize, &Parameter)| match (p.fixed, p.scale) {
@@ -137,7 +192,10 @@ fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
 
 fn on_record(with: &Model, without: &Model, drive: &DriveOfRecord) -> SignatureOnRecord {
     let force_n = square_force(drive.drive_v.len(), drive.rate_hz);
-    let record = Drive { force_n: Some(&force_n), ..Drive::held(&drive.drive_v, 1.0 / drive.rate_hz, InitialState::Virgin) };
+    let record = Drive {
+        force_n: Some(&force_n),
+        ..Drive::held(&drive.drive_v, 1.0 / drive.rate_hz, InitialState::Virgin)
+    };
     let (read, bare) = (with.simulate(&record), without.simulate(&record));
     let difference: Vec<f64> = read.iter().zip(&bare).map(|(a, b)| a - b).collect();
     SignatureOnRecord {
@@ -151,13 +209,22 @@ fn on_record(with: &Model, without: &Model, drive: &DriveOfRecord) -> SignatureO
 /// The effects whose signatures are like one's, over all records alike.
 fn alike(one: &Signature, all: &[Signature]) -> Vec<(String, f64)> {
     let product = |a: &Signature, b: &Signature| -> f64 {
-        a.records.iter().zip(&b.records).map(|(a, b)| mean_product(&a.signature_um, &b.signature_um)).sum()
+        a.records
+            .iter()
+            .zip(&b.records)
+            .map(|(a, b)| mean_product(&a.signature_um, &b.signature_um))
+            .sum()
     };
     let own = product(one, one);
     let mut list: Vec<(String, f64)> = all
         .iter()
         .filter(|other| other.declaration.id != one.declaration.id)
-        .map(|other| (other.declaration.id.clone(), product(one, other) / (own * product(other, other)).sqrt()))
+        .map(|other| {
+            (
+                other.declaration.id.clone(),
+                product(one, other) / (own * product(other, other)).sqrt(),
+            )
+        })
         .filter(|(_, cosine)| cosine.abs() >= ALIKE)
         .collect();
     list.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
@@ -173,14 +240,25 @@ mod tests {
         let found = signatures().unwrap();
         let of = |id: &str| found.iter().find(|s| s.declaration.id == id).unwrap();
         let likes = |a: &str, b: &str| of(a).alike.iter().any(|(id, _)| id == b);
-        assert!(likes("sensor_bandwidth", "amplifier_bandwidth") && likes("amplifier_bandwidth", "sensor_bandwidth"));
-        assert!(of("mains_hum").alike.is_empty(), "{:?}", of("mains_hum").alike);
+        assert!(
+            likes("sensor_bandwidth", "amplifier_bandwidth")
+                && likes("amplifier_bandwidth", "sensor_bandwidth")
+        );
+        assert!(
+            of("mains_hum").alike.is_empty(),
+            "{:?}",
+            of("mains_hum").alike
+        );
         for one in &found {
             // A gain is what is projected out; below zero nothing was driven here.
             if !["gain", "bipolar", "two_sided"].contains(&one.declaration.id.as_str()) {
                 let clearest = one.clearest().unwrap();
                 let rms_um = mean_product(&clearest.signature_um, &clearest.signature_um).sqrt();
-                assert!(rms_um > 1e-4, "{} shows nothing: {rms_um} um", one.declaration.id);
+                assert!(
+                    rms_um > 1e-4,
+                    "{} shows nothing: {rms_um} um",
+                    one.declaration.id
+                );
             }
         }
     }

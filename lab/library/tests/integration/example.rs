@@ -8,11 +8,31 @@ mod arrays_to_servo;
 fn arrays_lead_to_a_verdict_a_better_model_and_a_servo() {
     let said = arrays_to_servo::arrays_to_servo().unwrap();
     let lines: Vec<&str> = said.lines().collect();
-    assert!(lines[0].starts_with("Delay is missing: with it the held-out error falls from "), "{said}");
-    assert!(lines[1].starts_with("The model: delay, hysteresis, vibration; held out "), "{said}");
+    assert!(
+        lines[0].starts_with("Delay is missing: with it the held-out error falls from "),
+        "{said}"
+    );
+    assert!(
+        lines[1].starts_with("The model: delay, hysteresis, vibration; held out "),
+        "{said}"
+    );
     // The noise that was simulated, within what 7500 samples tell of it.
-    let error_nm: f64 = lines[1].split("held out ").nth(1).unwrap().trim_end_matches(" nm.").parse().unwrap();
+    let error_nm: f64 = lines[1]
+        .split("held out ")
+        .nth(1)
+        .unwrap()
+        .trim_end_matches(" nm.")
+        .parse()
+        .unwrap();
     assert!((error_nm / 4.0 - 1.0).abs() < 0.05, "{said}");
-    assert!(lines[2].starts_with("The servo (") && lines.len() > 3, "{said}");
-    assert!(include_str!("../../../../examples/arrays_to_servo.rs").lines().count() < 50);
+    assert!(
+        lines[2].starts_with("The servo (") && lines.len() > 3,
+        "{said}"
+    );
+    assert!(
+        include_str!("../../../../examples/arrays_to_servo.rs")
+            .lines()
+            .count()
+            < 50
+    );
 }

@@ -76,7 +76,10 @@ const CASES: [Case; 9] = [
         &[
             ("saturation", &[55.0, 5.0]),
             ("charge_leakage", &[0.05, 0.02]),
-            ("prandtl_ishlinskii", &[8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1]),
+            (
+                "prandtl_ishlinskii",
+                &[8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1],
+            ),
             ("load_force", &[0.02]),
             ("backlash", &[0.05]),
         ],
@@ -85,12 +88,35 @@ const CASES: [Case; 9] = [
         "dead_zones",
         1000.0,
         &[
-            ("modified_prandtl_ishlinskii", &[8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1, 0.1, -0.05, 0.02, 0.03, 9.0]),
+            (
+                "modified_prandtl_ishlinskii",
+                &[
+                    8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1, 0.1, -0.05, 0.02, 0.03, 9.0,
+                ],
+            ),
             ("sensor_bandwidth", &[300.0]),
         ],
     ),
-    ("slip_and_delay", 20_000.0, &[("delay", &[75e-6]), ("maxwell_slip", &[11.0, 0.3, 0.2, 0.1, 0.2, 0.1, 0.3, 0.2, 0.1])]),
-    ("duhem", 20_000.0, &[("duhem", &[3.0, 10.0, 7.0]), ("vibration", &[3900.0, 0.03]), ("thermal_drift", &[0.5, 0.0])]),
+    (
+        "slip_and_delay",
+        20_000.0,
+        &[
+            ("delay", &[75e-6]),
+            (
+                "maxwell_slip",
+                &[11.0, 0.3, 0.2, 0.1, 0.2, 0.1, 0.3, 0.2, 0.1],
+            ),
+        ],
+    ),
+    (
+        "duhem",
+        20_000.0,
+        &[
+            ("duhem", &[3.0, 10.0, 7.0]),
+            ("vibration", &[3900.0, 0.03]),
+            ("thermal_drift", &[0.5, 0.0]),
+        ],
+    ),
     (
         "plays_beside",
         10_000.0,
@@ -110,15 +136,25 @@ fn model(effects: &[(&str, &[f64])]) -> Model {
     for (id, values) in effects {
         let effect = by_id(id).unwrap();
         let effect = match *id {
-            "hysteresis" | "initial_curve" | "creep" | "play_operators" => effect.with_parameters(values.len()).unwrap(),
+            "hysteresis" | "initial_curve" | "creep" | "play_operators" => {
+                effect.with_parameters(values.len()).unwrap()
+            }
             _ => effect,
         };
         model.add(EffectInstance::new(effect, &overview, values));
         // Bounds for data are none for a test.
         let added = model.effects.iter_mut().find(|e| e.id == *id).unwrap();
-        added.parameters.iter_mut().zip(*values).for_each(|(p, value)| {
-            (p.value, p.parameter.lower, p.parameter.upper) = (*value, p.parameter.lower.min(*value), p.parameter.upper.max(*value));
-        });
+        added
+            .parameters
+            .iter_mut()
+            .zip(*values)
+            .for_each(|(p, value)| {
+                (p.value, p.parameter.lower, p.parameter.upper) = (
+                    *value,
+                    p.parameter.lower.min(*value),
+                    p.parameter.upper.max(*value),
+                );
+            });
     }
     model
 }
@@ -127,16 +163,33 @@ fn model(effects: &[(&str, &[f64])]) -> Model {
 fn signals() -> (Vec<f64>, Vec<f64>) {
     let drive = |k: usize| {
         let t = k as f64;
-        let smooth = 5.0 + 30.0 * (1.0 - (0.05 * t).cos()) * (0.013 * t).sin().abs() + 3.0 * (0.9 * t).sin();
-        if k % 97 < 20 { (smooth / 5.0).round() * 5.0 } else { smooth }
+        let smooth =
+            5.0 + 30.0 * (1.0 - (0.05 * t).cos()) * (0.013 * t).sin().abs() + 3.0 * (0.9 * t).sin();
+        if k % 97 < 20 {
+            (smooth / 5.0).round() * 5.0
+        } else {
+            smooth
+        }
     };
-    ((0..SAMPLES).map(drive).collect(), (0..SAMPLES).map(|k| 10.0 * (0.03 * k as f64).sin()).collect())
+    (
+        (0..SAMPLES).map(drive).collect(),
+        (0..SAMPLES)
+            .map(|k| 10.0 * (0.03 * k as f64).sin())
+            .collect(),
+    )
 }
 
 fn read(model: &Model, rate_hz: f64, settled: bool) -> Vec<f64> {
     let (drive_v, force_n) = signals();
-    let initial_state = if settled { InitialState::Settled } else { InitialState::Virgin };
-    model.simulate(&Drive { force_n: Some(&force_n), ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state) })
+    let initial_state = if settled {
+        InitialState::Settled
+    } else {
+        InitialState::Virgin
+    };
+    model.simulate(&Drive {
+        force_n: Some(&force_n),
+        ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state)
+    })
 }
 
 fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
@@ -144,7 +197,9 @@ fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
         .args(arguments)
         .current_dir(folder)
         .output()
-        .unwrap_or_else(|error| panic!("{program}: {error}; apt-get install python3-numpy octave gcc"));
+        .unwrap_or_else(|error| {
+            panic!("{program}: {error}; apt-get install python3-numpy octave gcc")
+        });
     assert!(
         output.status.success(),
         "{program} {arguments:?}: {}{}",
@@ -155,9 +210,20 @@ fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
 }
 
 fn same(what: &str, text: &str, expected: &[f64]) {
-    let found: Vec<f64> = text.split_whitespace().map(|number| number.parse().unwrap_or_else(|_| panic!("{what}: {number}"))).collect();
+    let found: Vec<f64> = text
+        .split_whitespace()
+        .map(|number| {
+            number
+                .parse()
+                .unwrap_or_else(|_| panic!("{what}: {number}"))
+        })
+        .collect();
     assert_eq!(found.len(), expected.len(), "{what}");
-    let apart = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let apart = found
+        .iter()
+        .zip(expected)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
     assert!(apart < TOLERANCE_UM, "{what}: {apart:e} um apart");
     // A model that stands still would agree with anything.
     assert!(expected.iter().copied().fold(0.0, f64::max) > 1.0, "{what}");
@@ -165,7 +231,12 @@ fn same(what: &str, text: &str, expected: &[f64]) {
 
 fn write_signals(folder: &Path) {
     let (drive_v, force_n) = signals();
-    let text = |values: &[f64]| values.iter().map(|v| format!("{v:?}\n")).collect::<String>();
+    let text = |values: &[f64]| {
+        values
+            .iter()
+            .map(|v| format!("{v:?}\n"))
+            .collect::<String>()
+    };
     std::fs::write(folder.join("drive.txt"), text(&drive_v)).unwrap();
     std::fs::write(folder.join("force.txt"), text(&force_n)).unwrap();
 }
@@ -177,10 +248,21 @@ fn blocks_compute_what_the_stages_do() {
         let model = model(effects);
         let chain = BlockChain::of(&model, 1.0 / rate_hz).unwrap();
         for settled in [false, true] {
-            let initial_state = if settled { InitialState::Settled } else { InitialState::Virgin };
-            let drive = Drive { force_n: Some(&force_n), ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state) };
+            let initial_state = if settled {
+                InitialState::Settled
+            } else {
+                InitialState::Virgin
+            };
+            let drive = Drive {
+                force_n: Some(&force_n),
+                ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state)
+            };
             let found = chain.simulate(&drive, model.resting_drive_v(&drive));
-            let apart = found.iter().zip(&read(&model, rate_hz, settled)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let apart = found
+                .iter()
+                .zip(&read(&model, rate_hz, settled))
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
             assert!(apart < TOLERANCE_UM, "{name}: {apart:e}");
         }
     }
@@ -190,21 +272,33 @@ fn blocks_compute_what_the_stages_do() {
 fn numpy_reads_what_the_program_reads() {
     let folder = tempfile::tempdir().unwrap();
     write_signals(folder.path());
-    let mut script = String::from("import numpy as np\nu, f = np.loadtxt('drive.txt'), np.loadtxt('force.txt')\n");
+    let mut script = String::from(
+        "import numpy as np\nu, f = np.loadtxt('drive.txt'), np.loadtxt('force.txt')\n",
+    );
     let mut expected = Vec::new();
     for (name, rate_hz, effects) in CASES {
         let model = model(effects);
         let text = export(&model, Language::Python, rate_hz, name).unwrap();
         std::fs::write(folder.path().join(format!("{name}.py")), text).unwrap();
-        let force = if model.effect("load_force").is_some() { "f, " } else { "" };
+        let force = if model.effect("load_force").is_some() {
+            "f, "
+        } else {
+            ""
+        };
         for (settled, word) in [(false, "False"), (true, "True")] {
-            script += &format!("import {name}\nfor v in {name}.{name}(u, {force}settled={word}): print(repr(float(v)))\n");
+            script += &format!(
+                "import {name}\nfor v in {name}.{name}(u, {force}settled={word}): print(repr(float(v)))\n"
+            );
             expected.extend(read(&model, rate_hz, settled));
         }
     }
     std::fs::write(folder.path().join("run.py"), script).unwrap();
     let python = std::env::var("HYSTERON_PYTHON").unwrap_or_else(|_| "python3".into());
-    same("python", &run(folder.path(), &python, &["run.py"]), &expected);
+    same(
+        "python",
+        &run(folder.path(), &python, &["run.py"]),
+        &expected,
+    );
 }
 
 #[test]
@@ -217,14 +311,29 @@ fn octave_reads_what_the_program_reads() {
         let model = model(effects);
         let text = export(&model, Language::Matlab, rate_hz, name).unwrap();
         std::fs::write(folder.path().join(format!("{name}.m")), text).unwrap();
-        let force = if model.effect("load_force").is_some() { ", f" } else { "" };
+        let force = if model.effect("load_force").is_some() {
+            ", f"
+        } else {
+            ""
+        };
         for settled in [false, true] {
-            script += &format!("printf('%.17g\\n', {name}(u{force}{}));\n", if settled { ", true" } else { "" });
+            script += &format!(
+                "printf('%.17g\\n', {name}(u{force}{}));\n",
+                if settled { ", true" } else { "" }
+            );
             expected.extend(read(&model, rate_hz, settled));
         }
     }
     std::fs::write(folder.path().join("compare_all.m"), script).unwrap();
-    same("octave", &run(folder.path(), "octave-cli", &["--no-gui", "--norc", "compare_all.m"]), &expected);
+    same(
+        "octave",
+        &run(
+            folder.path(),
+            "octave-cli",
+            &["--no-gui", "--norc", "compare_all.m"],
+        ),
+        &expected,
+    );
 }
 
 #[test]
@@ -235,7 +344,11 @@ fn c_with_fixed_memory_reads_what_the_program_reads() {
         let model = model(effects);
         let mut text = export(&model, Language::C, rate_hz, name).unwrap();
         assert!(!text.contains("malloc"));
-        let force = if model.effect("load_force").is_some() { ", f[k]" } else { "" };
+        let force = if model.effect("load_force").is_some() {
+            ", f[k]"
+        } else {
+            ""
+        };
         text += &format!(
             "\n#include <stdio.h>\nint main(void)\n{{\n    static double u[{SAMPLES}], f[{SAMPLES}];\n    static {name}_state m;\n    FILE *a = fopen(\"drive.txt\", \"r\"), *b = fopen(\"force.txt\", \
              \"r\");\n    for (int k = 0; k < {SAMPLES}; k++) if (fscanf(a, \"%lf\", u + k) != 1 || fscanf(b, \"%lf\", f + k) != 1) return 1;\n    for (int settled = 0; settled < 2; settled++) {{\n        int k = 0;\n        \
@@ -246,7 +359,19 @@ fn c_with_fixed_memory_reads_what_the_program_reads() {
         run(
             folder.path(),
             "cc",
-            &["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O1", "model.c", "-lm", "-o", "model"],
+            &[
+                "-std=c99",
+                "-pedantic",
+                "-Wall",
+                "-Wextra",
+                "-Werror",
+                "-Wno-unused-function",
+                "-O1",
+                "model.c",
+                "-lm",
+                "-o",
+                "model",
+            ],
         );
         let expected = [read(&model, rate_hz, false), read(&model, rate_hz, true)].concat();
         same(name, &run(folder.path(), "./model", &[]), &expected);
@@ -266,24 +391,49 @@ fn the_sampled_state_space_reads_what_the_program_reads() {
         ("sensor_bandwidth", &[1500.0]),
     ];
     let mut model = model(effects);
-    let mode = model.effects.iter_mut().find(|e| e.id == "vibration").unwrap();
+    let mode = model
+        .effects
+        .iter_mut()
+        .find(|e| e.id == "vibration")
+        .unwrap();
     mode.parameters[0].std = Some(20.0);
     let text = export(&model, Language::StateSpace, 20_000.0, "linear").unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let rows = |value: &serde_json::Value| -> Vec<Vec<f64>> { serde_json::from_value(value.clone()).unwrap() };
+    let rows = |value: &serde_json::Value| -> Vec<Vec<f64>> {
+        serde_json::from_value(value.clone()).unwrap()
+    };
     let sampled = &json["sampled"];
-    let (a, b, c) = (rows(&sampled["A"]), rows(&sampled["B"]), rows(&sampled["C"]));
+    let (a, b, c) = (
+        rows(&sampled["A"]),
+        rows(&sampled["B"]),
+        rows(&sampled["C"]),
+    );
     let (drive_v, _) = signals();
     let mut x = vec![0.0; a.len()];
     let times = |row: &[f64], x: &[f64]| row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();
     let expected = read(&model, 20_000.0, false);
     for (k, u) in drive_v.iter().enumerate() {
         assert!((times(&c[0], &x) - expected[k]).abs() < TOLERANCE_UM, "{k}");
-        x = a.iter().zip(&b).map(|(row, b)| times(row, &x) + b[0] * u).collect();
+        x = a
+            .iter()
+            .zip(&b)
+            .map(|(row, b)| times(row, &x) + b[0] * u)
+            .collect();
     }
     // The same pole in the continuous matrices, and moved by its deviation.
-    let trace = |value: &serde_json::Value| rows(&value["A"]).iter().enumerate().map(|(i, row)| row[i]).sum::<f64>();
-    let moved = json["uncertainty"].as_array().unwrap().iter().find(|one| one["parameter"] == "natural_frequency_rad_s").unwrap();
+    let trace = |value: &serde_json::Value| {
+        rows(&value["A"])
+            .iter()
+            .enumerate()
+            .map(|(i, row)| row[i])
+            .sum::<f64>()
+    };
+    let moved = json["uncertainty"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|one| one["parameter"] == "natural_frequency_rad_s")
+        .unwrap();
     let by = trace(&moved["plus_one_std"]["continuous"]) - trace(&json["continuous"]);
     assert!((by + 2.0 * 0.03 * 20.0).abs() < 1e-6, "{by}");
     assert_eq!(json["left_out"].as_array().unwrap().len(), 0);
@@ -291,18 +441,36 @@ fn the_sampled_state_space_reads_what_the_program_reads() {
 
 #[test]
 fn what_cannot_be_exported_is_refused_by_name() {
-    let held = model(&[("gain", &[0.14]), ("friction", &[0.03, 1.0, 0.0]), ("vibration", &[3900.0, 0.03])]);
+    let held = model(&[
+        ("gain", &[0.14]),
+        ("friction", &[0.03, 1.0, 0.0]),
+        ("vibration", &[3900.0, 0.03]),
+    ]);
     for language in [Language::Matlab, Language::Python, Language::C] {
-        let message = export(&held, language, 20_000.0, "m").unwrap_err().to_string();
-        assert!(message.contains("vibration") && message.contains("friction"), "{message}");
+        let message = export(&held, language, 20_000.0, "m")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("vibration") && message.contains("friction"),
+            "{message}"
+        );
     }
     let mut own = model(&[("gain", &[0.14])]);
     let text = include_str!("../../../../examples/contact.toml");
     let effect = own_effect(text, "contact.toml").unwrap();
     let id = effect.declaration().id;
-    own.add(EffectInstance::new(effect, &Overview::without_data(0.0, 70.0), &[]));
-    let message = export(&own, Language::C, 20_000.0, "m").unwrap_err().to_string();
-    assert!(message.contains(&id) && message.contains("your own"), "{message}");
+    own.add(EffectInstance::new(
+        effect,
+        &Overview::without_data(0.0, 70.0),
+        &[],
+    ));
+    let message = export(&own, Language::C, 20_000.0, "m")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains(&id) && message.contains("your own"),
+        "{message}"
+    );
 }
 
 /// A program that was written from docs/reference/effects.md, without a look at the code.
@@ -313,7 +481,10 @@ fn a_reader_computes_two_models_from_the_equations() {
     let first: &[(&str, &[f64])] = CASES[0].2;
     let second: &[(&str, &[f64])] = &[
         ("amplifier_bandwidth", &[900.0]),
-        ("prandtl_ishlinskii", &[8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1]),
+        (
+            "prandtl_ishlinskii",
+            &[8.0, 0.2, 0.3, 0.1, 0.4, 0.2, 0.1, 0.3, 0.2, 0.1],
+        ),
         ("vibration", &[3900.0, 0.03]),
         ("second_mode", &[0.05, 6000.0, 0.02]),
         ("sensor_bandwidth", &[3000.0]),
@@ -321,9 +492,22 @@ fn a_reader_computes_two_models_from_the_equations() {
     ];
     for (name, effects) in [("first", first), ("second", second)] {
         let model = model(effects);
-        std::fs::write(folder.path().join("model.toml"), to_toml(&model, name).unwrap()).unwrap();
+        std::fs::write(
+            folder.path().join("model.toml"),
+            to_toml(&model, name).unwrap(),
+        )
+        .unwrap();
         let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/from_the_equations.py");
-        let found = run(folder.path(), "python3", &[&reader.to_string_lossy(), "model.toml", "drive.txt", "20000"]);
+        let found = run(
+            folder.path(),
+            "python3",
+            &[
+                &reader.to_string_lossy(),
+                "model.toml",
+                "drive.txt",
+                "20000",
+            ],
+        );
         same(name, &found, &read(&model, 20_000.0, false));
     }
 }
@@ -331,9 +515,19 @@ fn a_reader_computes_two_models_from_the_equations() {
 #[test]
 fn the_page_of_equations_is_the_one_in_docs() {
     let page = hysteron::effect_reference::page();
-    let kept = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/effects.md")).unwrap();
-    assert!(page == kept, "write it again: hysteron effects --equations docs/reference/effects.md --force");
+    let kept = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/effects.md"),
+    )
+    .unwrap();
+    assert!(
+        page == kept,
+        "write it again: hysteron effects --equations docs/reference/effects.md --force"
+    );
     for effect in hysteron_sim::effect::registry() {
-        assert!(!effect.equations().is_empty(), "{} has no equations", effect.declaration().id);
+        assert!(
+            !effect.equations().is_empty(),
+            "{} has no equations",
+            effect.declaration().id
+        );
     }
 }

@@ -1,7 +1,13 @@
 //! Files that the libraries of their formats wrote (`formats/make.py`): read whole, and refused in words when
 //! damaged.
 
-#![cfg(all(feature = "readers", feature = "hdf5", feature = "parquet", feature = "arrow", feature = "spreadsheet"))]
+#![cfg(all(
+    feature = "readers",
+    feature = "hdf5",
+    feature = "parquet",
+    feature = "arrow",
+    feature = "spreadsheet"
+))]
 
 #[path = "../../../../host-sim/tests/integration/between_marks/mod.rs"]
 #[allow(dead_code)]
@@ -32,21 +38,46 @@ fn all() -> Vec<(&'static Written, Vec<u8>)> {
 
 /// As a person would have it read.
 fn read(file: &Written, content: &[u8]) -> hysteron::Result<Dataset> {
-    let [u, y] = file.units.map_or([None, None], |units| units.map(|unit| Some(unit.to_owned())));
-    let unit = PerColumn { u, y, ..PerColumn::default() };
-    from_file_as(file.file, content, &Instructions { wanted: ColumnRules { unit, ..ColumnRules::default() }, ..Instructions::default() })
+    let [u, y] = file.units.map_or([None, None], |units| {
+        units.map(|unit| Some(unit.to_owned()))
+    });
+    let unit = PerColumn {
+        u,
+        y,
+        ..PerColumn::default()
+    };
+    from_file_as(
+        file.file,
+        content,
+        &Instructions {
+            wanted: ColumnRules {
+                unit,
+                ..ColumnRules::default()
+            },
+            ..Instructions::default()
+        },
+    )
 }
 
 /// Drive and displacement as `make.py` computes them.
 fn recording() -> (Vec<f64>, Vec<f64>) {
     let drive = |k: f64| 20.0 - 20.0 * (0.1 * k).cos() * (1.0 - 0.002 * k);
     let samples = || (0..SAMPLES).map(|k| k as f64);
-    (samples().map(drive).collect(), samples().map(|k| 0.25 * drive(k - 2.0) + 0.01 * (7.0 * k).sin()).collect())
+    (
+        samples().map(drive).collect(),
+        samples()
+            .map(|k| 0.25 * drive(k - 2.0) + 0.01 * (7.0 * k).sin())
+            .collect(),
+    )
 }
 
 /// The longest of the records.
 fn longest(dataset: &Dataset) -> &Record {
-    dataset.records.iter().max_by_key(|r| r.drive_v.len()).unwrap()
+    dataset
+        .records
+        .iter()
+        .max_by_key(|r| r.drive_v.len())
+        .unwrap()
 }
 
 fn refused(name: &str, content: &[u8], words: &[&str]) {
@@ -68,23 +99,41 @@ fn every_file_is_the_recording() {
         }
         let dataset = read(file, &content).unwrap_or_else(|e| panic!("{e}"));
         let record = longest(&dataset);
-        assert!((record.sample_rate_hz / RATE_HZ - 1.0).abs() < 1e-3, "{name}: {} Hz", record.sample_rate_hz);
+        assert!(
+            (record.sample_rate_hz / RATE_HZ - 1.0).abs() < 1e-3,
+            "{name}: {} Hz",
+            record.sample_rate_hz
+        );
         assert_eq!(record.drive_v.len(), SAMPLES, "{name}");
         for k in 0..SAMPLES {
             let (u_v, y_um) = (record.drive_v[k], record.displacement_um[k]);
-            assert!((u_v - u[k]).abs() < tolerance, "{name}, sample {k}: {u_v} V instead of {}", u[k]);
-            assert!((y_um - y[k]).abs() < tolerance, "{name}, sample {k}: {y_um} um instead of {}", y[k]);
+            assert!(
+                (u_v - u[k]).abs() < tolerance,
+                "{name}, sample {k}: {u_v} V instead of {}",
+                u[k]
+            );
+            assert!(
+                (y_um - y[k]).abs() < tolerance,
+                "{name}, sample {k}: {y_um} um instead of {}",
+                y[k]
+            );
         }
         let notes = dataset.notes.join("\n");
         for word in file.said {
-            assert!(notes.contains(word), "{name}: expected `{word}` in\n{notes}");
+            assert!(
+                notes.contains(word),
+                "{name}: expected `{word}` in\n{notes}"
+            );
         }
     }
 }
 
 #[test]
 fn every_file_that_the_script_writes_is_listed() {
-    let mut there: Vec<String> = std::fs::read_dir(folder()).unwrap().map(|f| f.unwrap().file_name().into_string().unwrap()).collect();
+    let mut there: Vec<String> = std::fs::read_dir(folder())
+        .unwrap()
+        .map(|f| f.unwrap().file_name().into_string().unwrap())
+        .collect();
     there.retain(|name| !name.ends_with(".py") && !name.ends_with(".rs"));
     there.sort();
     let mut listed = FILES.map(|file| file.file);
@@ -99,16 +148,27 @@ fn outcome(file: &Written, whole: Option<&Record>, kind: &str, content: &[u8]) -
     let dataset = match read(file, content) {
         Err(error) => {
             let said = error.to_string();
-            assert!(said.starts_with(name) && said.len() > name.len() + 12, "{name}, {kind}: {said}");
+            assert!(
+                said.starts_with(name) && said.len() > name.len() + 12,
+                "{name}, {kind}: {said}"
+            );
             return "x";
         }
         Ok(dataset) => dataset,
     };
     let record = longest(&dataset);
-    assert!(record.drive_v.iter().chain(&record.displacement_um).all(|v| v.is_finite()), "{name}, {kind}");
+    assert!(
+        record
+            .drive_v
+            .iter()
+            .chain(&record.displacement_um)
+            .all(|v| v.is_finite()),
+        "{name}, {kind}"
+    );
     let whole = whole.unwrap_or_else(|| panic!("{name}, {kind} is read, the whole file is not"));
     let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a == b);
-    let apart = !same(&record.drive_v, &whole.drive_v) || !same(&record.displacement_um, &whole.displacement_um);
+    let apart = !same(&record.drive_v, &whole.drive_v)
+        || !same(&record.displacement_um, &whole.displacement_um);
     match (apart, record.drive_v.len() < whole.drive_v.len()) {
         (true, _) => "n",
         (false, true) => "<",
@@ -119,7 +179,10 @@ fn outcome(file: &Written, whole: Option<&Record>, kind: &str, content: &[u8]) -
 /// The outcomes of the twelve kinds of damage.
 fn outcomes(file: &Written, content: &[u8]) -> Vec<&'static str> {
     let whole = read(file, content).ok();
-    damaged(content).iter().map(|(kind, damaged)| outcome(file, whole.as_ref().map(longest), kind, damaged)).collect()
+    damaged(content)
+        .iter()
+        .map(|(kind, damaged)| outcome(file, whole.as_ref().map(longest), kind, damaged))
+        .collect()
 }
 
 #[test]
@@ -130,7 +193,11 @@ fn damage_is_refused_in_words_and_never_a_panic() {
         // know, but for text, whose rows may end anywhere.
         let text = file.file.ends_with(".csv") || file.file.ends_with(".txt");
         let known = if text { 4 } else { 5 };
-        assert!(found[..known].iter().all(|outcome| *outcome == "x"), "{}: {found:?}", file.file);
+        assert!(
+            found[..known].iter().all(|outcome| *outcome == "x"),
+            "{}: {found:?}",
+            file.file
+        );
     }
 }
 
@@ -144,7 +211,11 @@ fn the_table_of_formats_is_current() {
         return;
     }
     let kinds = damaged(&[0; 64]).map(|(kind, _)| kind);
-    let list: Vec<String> = kinds.iter().enumerate().map(|(i, kind)| format!("{} {kind}", i + 1)).collect();
+    let list: Vec<String> = kinds
+        .iter()
+        .enumerate()
+        .map(|(i, kind)| format!("{} {kind}", i + 1))
+        .collect();
     let numbers: Vec<String> = (1..=kinds.len()).map(|n| n.to_string()).collect();
     let mut table = format!(
         "Damage: {}. `x`: refused, with the place; `=`: the numbers are the same; `<`: the first of them, as many as are there; `n`: other numbers.\n\n\
@@ -160,9 +231,17 @@ fn the_table_of_formats_is_current() {
             (false, Some([u, y])) => format!("with `--units u={u},y={y}`"),
         };
         let found = outcomes(file, &content).join(" | ");
-        table += &format!("| `{}` | {} | {} | {read} | {found} |\n", file.file, file.by, file.holds);
+        table += &format!(
+            "| `{}` | {} | {} | {read} | {found} |\n",
+            file.file, file.by, file.holds
+        );
     }
-    is_current(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/formats.md"), BEGIN, END, &table);
+    is_current(
+        &PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/formats.md"),
+        BEGIN,
+        END,
+        &table,
+    );
 }
 
 #[test]
@@ -171,16 +250,27 @@ fn numbers_that_are_none_are_told_with_their_row() {
     let mut found = 0;
     for (file, whole) in all() {
         let name = file.file;
-        let wide = (u[80].to_le_bytes().to_vec(), f64::NAN.to_le_bytes().to_vec());
-        let single = ((u[80] as f32).to_le_bytes().to_vec(), f32::NAN.to_le_bytes().to_vec());
+        let wide = (
+            u[80].to_le_bytes().to_vec(),
+            f64::NAN.to_le_bytes().to_vec(),
+        );
+        let single = (
+            (u[80] as f32).to_le_bytes().to_vec(),
+            f32::NAN.to_le_bytes().to_vec(),
+        );
         for (value, nan) in [wide, single] {
             // Plain numbers only: what is compressed has none of these bytes.
-            let Some(at) = whole.windows(value.len()).position(|w| w == value) else { continue };
+            let Some(at) = whole.windows(value.len()).position(|w| w == value) else {
+                continue;
+            };
             let mut content = whole.clone();
             content[at..at + nan.len()].copy_from_slice(&nan);
             // Parquet's dictionaries and check sums aside, the row is that of the sample.
             let said = from_file(name, &content).expect_err(name).to_string();
-            assert!(name.ends_with("npz") || (said.contains("finite") && said.contains("row 81")), "{name}: {said}");
+            assert!(
+                name.ends_with("npz") || (said.contains("finite") && said.contains("row 81")),
+                "{name}: {said}"
+            );
             found += 1;
         }
     }
@@ -190,14 +280,24 @@ fn numbers_that_are_none_are_told_with_their_row() {
 #[test]
 fn what_other_files_are_is_said() {
     refused("a.gz", &[0x1f, 0x8b, 8, 0, 0, 0, 0, 0], &["gzip"]);
-    refused("a.xls", &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1], &["XLSX"]);
-    refused("a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x01\0", &["no text", "expected CSV"]);
+    refused(
+        "a.xls",
+        &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1],
+        &["XLSX"],
+    );
+    refused(
+        "a.png",
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x01\0",
+        &["no text", "expected CSV"],
+    );
     // Text in a file that is called otherwise.
     refused("a.mat", b"t,u,y\n0,1,2\n", &["MATLAB"]);
     refused("a.npy", b"t,u,y\n0,1,2\n", &["NPY"]);
 }
 
-const EXTENSIONS: [&str; 11] = ["csv", "feather", "npy", "npz", "mat", "h5", "tdms", "parquet", "xlsx", "wav", "lvm"];
+const EXTENSIONS: [&str; 11] = [
+    "csv", "feather", "npy", "npz", "mat", "h5", "tdms", "parquet", "xlsx", "wav", "lvm",
+];
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]

@@ -17,8 +17,12 @@ const SECONDS: f64 = 4.0;
 /// decades.
 fn reads(i: usize, drive_v: &[f64]) -> Vec<f64> {
     let share = |k: usize| ((i * 37 + k * 61) % 100) as f64 / 100.0;
-    let (gain, w, damping, creep) =
-        (0.1 + 0.08 * share(1), TAU * (60.0 + 80.0 * share(2)), 0.05 + 0.2 * share(3), 0.004 + 0.022 * share(4));
+    let (gain, w, damping, creep) = (
+        0.1 + 0.08 * share(1),
+        TAU * (60.0 + 80.0 * share(2)),
+        0.05 + 0.2 * share(3),
+        0.004 + 0.022 * share(4),
+    );
     let taus: Vec<f64> = (0..18).map(|k| 10f64.powf(-2.5 + k as f64 / 3.0)).collect();
     let (mut y, mut v, mut crept, fine) = (0.0, 0.0, vec![0.0; taus.len()], 40);
     let dt_s = 1.0 / RATE_HZ / f64::from(fine);
@@ -29,7 +33,10 @@ fn reads(i: usize, drive_v: &[f64]) -> Vec<f64> {
             v += dt_s * (w * w * (gain * u - y) - 2.0 * damping * w * v);
             y += dt_s * v;
         }
-        crept.iter_mut().zip(&taus).for_each(|(c, tau)| *c += (y - *c) * (1.0 - (-1.0 / RATE_HZ / tau).exp()));
+        crept
+            .iter_mut()
+            .zip(&taus)
+            .for_each(|(c, tau)| *c += (y - *c) * (1.0 - (-1.0 / RATE_HZ / tau).exp()));
     }
     out
 }
@@ -38,7 +45,15 @@ fn reads(i: usize, drive_v: &[f64]) -> Vec<f64> {
 fn steps(seconds: f64, hold_s: f64, seed: usize) -> Vec<f64> {
     let level = |k: usize| [10.0, 60.0, 30.0, 70.0, 20.0, 50.0, 0.0, 40.0][(k + seed) % 8];
     let samples = (seconds * RATE_HZ) as usize;
-    (0..samples).map(|k| if k < 200 { 0.0 } else { level(((k - 200) as f64 / RATE_HZ / hold_s) as usize) }).collect()
+    (0..samples)
+        .map(|k| {
+            if k < 200 {
+                0.0
+            } else {
+                level(((k - 200) as f64 / RATE_HZ / hold_s) as usize)
+            }
+        })
+        .collect()
 }
 
 fn driven(drive_v: &[f64]) -> Drive<'_> {
@@ -49,11 +64,32 @@ fn identified(i: usize) -> Model {
     let record = |name: &str, role: Role, seed: usize| {
         let drive_v = steps(SECONDS, 0.7, seed);
         let mut noise = WhiteNoise::new(0.004, (100 * i + seed) as u64);
-        let read = reads(i, &drive_v).into_iter().map(|y| y + noise.next_um()).collect();
-        Record { initial_state: InitialState::Settled, ..Record::new(name, RATE_HZ, drive_v, read).with_role(role) }
+        let read = reads(i, &drive_v)
+            .into_iter()
+            .map(|y| y + noise.next_um())
+            .collect();
+        Record {
+            initial_state: InitialState::Settled,
+            ..Record::new(name, RATE_HZ, drive_v, read).with_role(role)
+        }
     };
-    let dataset = Dataset::new("stage", 0.0, 80.0, vec![record("a", Role::Identify, i), record("b", Role::Validate, i + 3)]).unwrap();
-    identify(&dataset, &effects_named("gain,vibration,creep").unwrap(), &Unwatched).unwrap().model
+    let dataset = Dataset::new(
+        "stage",
+        0.0,
+        80.0,
+        vec![
+            record("a", Role::Identify, i),
+            record("b", Role::Validate, i + 3),
+        ],
+    )
+    .unwrap();
+    identify(
+        &dataset,
+        &effects_named("gain,vibration,creep").unwrap(),
+        &Unwatched,
+    )
+    .unwrap()
+    .model
 }
 
 /// The truth after ten times the recorded time, and everywhere before but for the twentieth part that a band
@@ -67,7 +103,9 @@ fn the_truth_of_forty_stages_lies_in_the_band() {
         let drive = driven(&drive_v);
         let (truth, predicted) = (reads(i, &drive_v), model.simulate(&drive));
         let std = std_um(&model, &drive).unwrap();
-        let misses = (0..truth.len()).filter(|k| (truth[*k] - predicted[*k]).abs() > BAND_95 * std[*k]).count();
+        let misses = (0..truth.len())
+            .filter(|k| (truth[*k] - predicted[*k]).abs() > BAND_95 * std[*k])
+            .count();
         let last = truth.len() - 1;
         let relative = (truth[last] - predicted[last]).abs() / std[last];
         println!(
@@ -77,7 +115,11 @@ fn the_truth_of_forty_stages_lies_in_the_band() {
         );
         inside += usize::from(misses * 20 <= truth.len() && relative <= BAND_95);
         // A band that is as wide as the motion says nothing.
-        assert!(BAND_95 * std[last] < 0.1 * 70.0 * 0.18, "{i}: {}", std[last]);
+        assert!(
+            BAND_95 * std[last] < 0.1 * 70.0 * 0.18,
+            "{i}: {}",
+            std[last]
+        );
     }
     assert!(inside >= 36, "{inside} of 40");
 }
@@ -89,7 +131,11 @@ fn slow_creep_that_data_leave_open_stays_small() {
     let model = identified(0);
     let creep = model.effect("creep").unwrap();
     for pair in creep.parameters.chunks_exact(2) {
-        assert!(pair[0].value < 0.08 && pair[0].std.unwrap() < 0.1, "{:?}", (&pair[0].parameter.name, pair[0].value, pair[0].std));
+        assert!(
+            pair[0].value < 0.08 && pair[0].std.unwrap() < 0.1,
+            "{:?}",
+            (&pair[0].parameter.name, pair[0].value, pair[0].std)
+        );
     }
 }
 
@@ -97,15 +143,33 @@ fn slow_creep_that_data_leave_open_stays_small() {
 fn a_drive_beyond_what_was_recorded_is_said_so() {
     let model = identified(1);
     let recorded = steps(SECONDS, 0.7, 1);
-    assert!(beyond(&model, &driven(&recorded)).is_empty(), "{:?}", beyond(&model, &driven(&recorded)));
+    assert!(
+        beyond(&model, &driven(&recorded)).is_empty(),
+        "{:?}",
+        beyond(&model, &driven(&recorded))
+    );
     let longer = steps(8.0 * SECONDS, 0.7, 1);
     let said = beyond(&model, &driven(&longer));
     assert!(said.len() == 1 && said[0].contains("lasts"), "{said:?}");
     let higher: Vec<f64> = recorded.iter().map(|u| 1.12 * u).collect();
-    assert!(beyond(&model, &driven(&higher)).iter().any(|line| line.contains("V, the records from")));
+    assert!(
+        beyond(&model, &driven(&higher))
+            .iter()
+            .any(|line| line.contains("V, the records from"))
+    );
     // The file carries it.
     let text = to_toml(&model, "stage").unwrap();
     let read = from_toml(&text, "model.toml").unwrap();
-    let (a, b) = (std_um(&model, &driven(&recorded)).unwrap(), std_um(&read, &driven(&recorded)).unwrap());
-    assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6), "{:?}", a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max));
+    let (a, b) = (
+        std_um(&model, &driven(&recorded)).unwrap(),
+        std_um(&read, &driven(&recorded)).unwrap(),
+    );
+    assert!(
+        a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6),
+        "{:?}",
+        a.iter()
+            .zip(&b)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max)
+    );
 }

@@ -33,13 +33,26 @@ impl Stage {
         let count = 3 + i % 6;
         Self {
             plays: (0..count)
-                .map(|k| (1.0 + 28.0 * f64::from(k) / f64::from(count) + 2.0 * share(k), 0.02 * (0.5 + share(k + 9)) / f64::from(count)))
+                .map(|k| {
+                    (
+                        1.0 + 28.0 * f64::from(k) / f64::from(count) + 2.0 * share(k),
+                        0.02 * (0.5 + share(k + 9)) / f64::from(count),
+                    )
+                })
                 .collect(),
             gain_um_v: 0.10 + 0.08 * share(1),
-            bend_per_v: if i.is_multiple_of(3) { 6e-4 * (share(2) - 0.5) } else { 0.0 },
+            bend_per_v: if i.is_multiple_of(3) {
+                6e-4 * (share(2) - 0.5)
+            } else {
+                0.0
+            },
             mode_hz: 250.0 + 500.0 * share(3),
             damping: 0.02 + 0.08 * share(4),
-            creep_per_decade: if i.is_multiple_of(2) { 0.006 + 0.008 * share(5) } else { 0.0 },
+            creep_per_decade: if i.is_multiple_of(2) {
+                0.006 + 0.008 * share(5)
+            } else {
+                0.0
+            },
             drift_um: 0.0,
             drift_s: 25.0,
             noise_um: 0.002 + 0.002 * share(6),
@@ -54,14 +67,19 @@ impl Stage {
         let (w, fine) = (TAU * self.mode_hz, 40);
         let dt_s = 1.0 / rate_hz / f64::from(fine);
         // A decade has three relaxations of a third of its creep each.
-        let relaxations: Vec<f64> = (0..15).map(|k| 10f64.powf(-2.5 + f64::from(k) / 3.0)).collect();
+        let relaxations: Vec<f64> = (0..15)
+            .map(|k| 10f64.powf(-2.5 + f64::from(k) / 3.0))
+            .collect();
         let mut crept = vec![0.0; relaxations.len()];
         let mut text = String::from("t_s,u_v,y_um\n");
         for (k, u) in drive_v.iter().enumerate() {
             let t_s = k as f64 / rate_hz;
             let creep: f64 = crept.iter().sum::<f64>() * self.creep_per_decade / 3.0;
             let drift = self.drift_um * (1.0 - (-t_s / self.drift_s).exp());
-            text.push_str(&format!("{t_s:.6},{u:.5},{:.6}\n", y + creep + drift + noise.next_um()));
+            text.push_str(&format!(
+                "{t_s:.6},{u:.5},{:.6}\n",
+                y + creep + drift + noise.next_um()
+            ));
             let mut force = self.gain_um_v * u * (1.0 + self.bend_per_v * u);
             for ((threshold, weight), play) in self.plays.iter().zip(&mut plays) {
                 *play = f64::clamp(*play, u - threshold, u + threshold);
@@ -85,15 +103,27 @@ fn tape(rate_hz: f64, i: u32) -> Vec<f64> {
         let samples = ((to - from).abs() / slope_v_s * rate_hz) as usize;
         (0..samples).map(move |k| from + (to - from) * k as f64 / samples as f64)
     };
-    let corners =
-        [[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0], [0.0, 70.0, 20.0, 80.0, 0.0, 50.0, 10.0, 65.0, 0.0]][i as usize % 2];
+    let corners = [
+        [0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0],
+        [0.0, 70.0, 20.0, 80.0, 0.0, 50.0, 10.0, 65.0, 0.0],
+    ][i as usize % 2];
     let hold = |seconds: f64, level: f64| std::iter::repeat_n(level, (seconds * rate_hz) as usize);
     let mut drive: Vec<f64> = hold(0.3, 0.0).collect();
     for slope in [400.0, 1600.0] {
-        corners.windows(2).for_each(|w| drive.extend(line(w[0], w[1], slope)));
+        corners
+            .windows(2)
+            .for_each(|w| drive.extend(line(w[0], w[1], slope)));
     }
-    [30.0, 60.0, 20.0, 45.0, 10.0, 70.0].into_iter().for_each(|level| drive.extend(hold(0.15, level)));
-    let sines = |k: usize| (1..=12).map(|n| (TAU * f64::from(n * n + 3) * 5.0 * k as f64 / rate_hz + f64::from(n * n)).sin()).sum::<f64>();
+    [30.0, 60.0, 20.0, 45.0, 10.0, 70.0]
+        .into_iter()
+        .for_each(|level| drive.extend(hold(0.15, level)));
+    let sines = |k: usize| {
+        (1..=12)
+            .map(|n| {
+                (TAU * f64::from(n * n + 3) * 5.0 * k as f64 / rate_hz + f64::from(n * n)).sin()
+            })
+            .sum::<f64>()
+    };
     drive.extend((0..(0.5 * rate_hz) as usize).map(|k| 40.0 + 2.5 * sines(k)));
     drive.extend(line(40.0, 0.0, 400.0));
     drive
@@ -112,12 +142,21 @@ fn twelve_recordings_replay_as_well_as_they_are_held_out() {
     let mut as_good = 0;
     for i in 0..12 {
         let rate_hz = 8000.0;
-        let (_, replays) = explained(&Stage::numbered(i).recording(&tape(rate_hz, i), rate_hz, 40 + u64::from(i)));
+        let (_, replays) =
+            explained(&Stage::numbered(i).recording(&tape(rate_hz, i), rate_hz, 40 + u64::from(i)));
         assert_eq!(replays.len(), 1, "one file is one replay");
         let replay = &replays[0];
-        println!("{i}: {:.2} times, {}", replay.times_judged(), replay.sentence());
+        println!(
+            "{i}: {:.2} times, {}",
+            replay.times_judged(),
+            replay.sentence()
+        );
         let cause = replay.drift.as_ref().map(|drift| drift.cause.as_str());
-        assert!(replay.times_judged() <= AS_GOOD || cause.is_some_and(|cause| cause != "unknown"), "{i}: {}", replay.sentence());
+        assert!(
+            replay.times_judged() <= AS_GOOD || cause.is_some_and(|cause| cause != "unknown"),
+            "{i}: {}",
+            replay.sentence()
+        );
         as_good += usize::from(replay.times_judged() <= AS_GOOD);
     }
     assert!(as_good >= 10, "{as_good} of 12");
@@ -128,17 +167,39 @@ fn twelve_recordings_replay_as_well_as_they_are_held_out() {
 #[test]
 fn a_drift_within_one_tape_is_named() {
     let rate_hz = 2000.0;
-    let stage = Stage { drift_um: 0.15, mode_hz: 180.0, creep_per_decade: 0.0, ..Stage::numbered(1) };
+    let stage = Stage {
+        drift_um: 0.15,
+        mode_hz: 180.0,
+        creep_per_decade: 0.0,
+        ..Stage::numbered(1)
+    };
     let mut drive: Vec<f64> = vec![0.0; 1000];
     for cycle in 0..7 {
         let high = [80.0, 60.0, 70.0, 80.0, 50.0, 65.0, 80.0][cycle];
-        drive.extend((0..3800).map(|k| 0.5 * high * (1.0 - (TAU * f64::from(k) / 3800.0 * if cycle % 2 == 0 { 2.0 } else { 5.0 }).cos())));
+        drive.extend((0..3800).map(|k| {
+            0.5 * high
+                * (1.0
+                    - (TAU * f64::from(k) / 3800.0 * if cycle % 2 == 0 { 2.0 } else { 5.0 }).cos())
+        }));
     }
     let (found, replays) = explained(&stage.recording(&drive, rate_hz, 7));
     let d = &found.diagnosis;
-    assert!(matches!(d.verdict, Verdict::Named | Verdict::Ambiguous), "{}", d.sentence);
-    assert!(found.model.effect("thermal_drift").is_some() && d.named.iter().any(|id| id == "thermal_drift"), "{}", d.sentence);
-    assert!(replays[0].times_judged() <= AS_GOOD, "{}", replays[0].sentence());
+    assert!(
+        matches!(d.verdict, Verdict::Named | Verdict::Ambiguous),
+        "{}",
+        d.sentence
+    );
+    assert!(
+        found.model.effect("thermal_drift").is_some()
+            && d.named.iter().any(|id| id == "thermal_drift"),
+        "{}",
+        d.sentence
+    );
+    assert!(
+        replays[0].times_judged() <= AS_GOOD,
+        "{}",
+        replays[0].sentence()
+    );
 }
 
 /// A model without its drift, replayed: the trend is named as the cause, with what to record.
@@ -157,21 +218,44 @@ fn a_replay_that_drifts_names_its_cause() {
     let mut drive: Vec<f64> = vec![0.0; 1000];
     drive.extend((0..16_000).map(|k| 35.0 * (1.0 - (TAU * f64::from(k) / 1600.0).cos())));
     // Judged in short windows, each with a constant of its own.
-    let whole = from_file("recording.csv", stage.recording(&drive, rate_hz, 7).as_bytes()).unwrap();
+    let whole = from_file(
+        "recording.csv",
+        stage.recording(&drive, rate_hz, 7).as_bytes(),
+    )
+    .unwrap();
     let of = |role, window: std::ops::Range<usize>, name: &str| {
-        let mut record = whole.records.iter().find(|r| r.role != hysteron::Role::Noise).unwrap().clone().with_role(role);
+        let mut record = whole
+            .records
+            .iter()
+            .find(|r| r.role != hysteron::Role::Noise)
+            .unwrap()
+            .clone()
+            .with_role(role);
         (record.name, record.window) = (name.into(), window);
         record.left_out.clear();
         record
     };
     let parts = (0..10).map(|i| {
-        let role = if i % 2 == 0 { hysteron::Role::Identify } else { hysteron::Role::Validate };
+        let role = if i % 2 == 0 {
+            hysteron::Role::Identify
+        } else {
+            hysteron::Role::Validate
+        };
         of(role, 1000 + 1600 * i..2600 + 1600 * i, &format!("part_{i}"))
     });
-    let dataset = Dataset::new("cut", whole.drive_min_v, whole.drive_max_v, parts.collect()).unwrap();
-    let found = hysteron::identify::identify(&dataset, &effects_named("gain,vibration").unwrap(), &Unwatched).unwrap();
+    let dataset =
+        Dataset::new("cut", whole.drive_min_v, whole.drive_max_v, parts.collect()).unwrap();
+    let found = hysteron::identify::identify(
+        &dataset,
+        &effects_named("gain,vibration").unwrap(),
+        &Unwatched,
+    )
+    .unwrap();
     let replay = &replays(&found.model, &dataset)[0];
-    let drift = replay.drift.as_ref().unwrap_or_else(|| panic!("{}", replay.sentence()));
+    let drift = replay
+        .drift
+        .as_ref()
+        .unwrap_or_else(|| panic!("{}", replay.sentence()));
     assert_eq!(drift.cause, "trend", "{}", replay.sentence());
     assert!(drift.sentence.contains("rest"), "{}", drift.sentence);
 }

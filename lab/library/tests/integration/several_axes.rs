@@ -6,11 +6,25 @@ use hysteron::several_axes::planted::{AxisPlant, planted_stage};
 
 #[test]
 fn what_was_planted_is_named_in_its_channel() {
-    for (plant, seed) in [(AxisPlant::Coupling, 1), (AxisPlant::ModeOfOneDrive, 1), (AxisPlant::Friction, 1)] {
-        let judged = planted_stage(plant, seed).search(&AxesPolicy::default(), &Unwatched).unwrap();
-        assert!(judged.named, "{plant:?}: {} is not among {:?}", judged.truth, judged.found);
+    for (plant, seed) in [
+        (AxisPlant::Coupling, 1),
+        (AxisPlant::ModeOfOneDrive, 1),
+        (AxisPlant::Friction, 1),
+    ] {
+        let judged = planted_stage(plant, seed)
+            .search(&AxesPolicy::default(), &Unwatched)
+            .unwrap();
+        assert!(
+            judged.named,
+            "{plant:?}: {} is not among {:?}",
+            judged.truth, judged.found
+        );
         assert!(judged.wrong.is_empty(), "{plant:?}: {:?}", judged.wrong);
         // The noise is 1 % of the readings, of a mean of four periods.
-        assert!(judged.times_noise < 1.1, "{plant:?}: {}", judged.times_noise);
+        assert!(
+            judged.times_noise < 1.1,
+            "{plant:?}: {}",
+            judged.times_noise
+        );
     }
 }

@@ -18,7 +18,15 @@ const RATE_HZ: f64 = 2000.0;
 fn recording() -> Vec<[f64; 3]> {
     let drive = |k: f64| 20.0 - 20.0 * (k * 0.02).cos() * (1.0 - k * 5e-4);
     let noise = |k: usize| ((k as f64 * 12.9898).sin() * 43758.5453).rem_euclid(1.0) - 0.5;
-    (0..SAMPLES).map(|k| [k as f64 / RATE_HZ, drive(k as f64), 0.25 * drive(k as f64 - 4.0) + 0.004 * noise(k)]).collect()
+    (0..SAMPLES)
+        .map(|k| {
+            [
+                k as f64 / RATE_HZ,
+                drive(k as f64),
+                0.25 * drive(k as f64 - 4.0) + 0.004 * noise(k),
+            ]
+        })
+        .collect()
 }
 
 /// The recording as rows of text.
@@ -41,15 +49,30 @@ fn gives(name: &str, bytes: &[u8], words: &[&str]) -> Dataset {
 fn gives_as(name: &str, bytes: &[u8], instructions: &Instructions, words: &[&str]) -> Dataset {
     let dataset = from_file_as(name, bytes, instructions).unwrap_or_else(|e| panic!("{e}"));
     let last = dataset.records.last().unwrap();
-    assert!((last.sample_rate_hz / RATE_HZ - 1.0).abs() < 1e-3, "{name}: {} Hz", last.sample_rate_hz);
+    assert!(
+        (last.sample_rate_hz / RATE_HZ - 1.0).abs() < 1e-3,
+        "{name}: {} Hz",
+        last.sample_rate_hz
+    );
     assert_eq!(last.drive_v.len(), SAMPLES, "{name}");
     for (k, [_, u, y]) in recording().iter().enumerate() {
-        assert!((last.drive_v[k] - u).abs() < 2e-5, "{name}, sample {k}: drive {} instead of {u}", last.drive_v[k]);
-        assert!((last.displacement_um[k] - y).abs() < 2e-5, "{name}, sample {k}: {} instead of {y}", last.displacement_um[k]);
+        assert!(
+            (last.drive_v[k] - u).abs() < 2e-5,
+            "{name}, sample {k}: drive {} instead of {u}",
+            last.drive_v[k]
+        );
+        assert!(
+            (last.displacement_um[k] - y).abs() < 2e-5,
+            "{name}, sample {k}: {} instead of {y}",
+            last.displacement_um[k]
+        );
     }
     let notes = dataset.notes.join("\n");
     for word in words {
-        assert!(notes.contains(word), "{name}: expected `{word}` in\n{notes}");
+        assert!(
+            notes.contains(word),
+            "{name}: expected `{word}` in\n{notes}"
+        );
     }
     dataset
 }
@@ -63,62 +86,187 @@ fn refused(name: &str, bytes: &[u8], words: &[&str]) {
 
 #[test]
 fn separators_headers_and_decimal_commas() {
-    let known = gives("a.csv", format!("t_s,u_v,y_um\n{}", plain(",")).as_bytes(), &[]);
-    assert!(!known.notes.join("\n").contains("columns:"), "what the file specifies needs no note: {:?}", known.notes);
-    gives("a.csv", format!("t [s];u [V];y [um]\r\n{}", plain(";").replace('\n', "\r\n")).as_bytes(), &[]);
-    gives("a.txt", format!("# t_s u_V y_um\n{}", plain(" ")).as_bytes(), &[]);
-    gives("a.txt", format!("Time (s)\tVoltage (V)\tPosition (µm)\n{}", plain("\t")).as_bytes(), &[]);
-    gives("a.dat", format!("%  t u y\n{}", plain("   ")).as_bytes(), &["u = column `u`", "unit not said: taken as V"]);
-    let german = format!("Zeit [s];Spannung [V];Weg [µm]\n{}", plain(";").replace('.', ","));
+    let known = gives(
+        "a.csv",
+        format!("t_s,u_v,y_um\n{}", plain(",")).as_bytes(),
+        &[],
+    );
+    assert!(
+        !known.notes.join("\n").contains("columns:"),
+        "what the file specifies needs no note: {:?}",
+        known.notes
+    );
+    gives(
+        "a.csv",
+        format!("t [s];u [V];y [um]\r\n{}", plain(";").replace('\n', "\r\n")).as_bytes(),
+        &[],
+    );
+    gives(
+        "a.txt",
+        format!("# t_s u_V y_um\n{}", plain(" ")).as_bytes(),
+        &[],
+    );
+    gives(
+        "a.txt",
+        format!("Time (s)\tVoltage (V)\tPosition (µm)\n{}", plain("\t")).as_bytes(),
+        &[],
+    );
+    gives(
+        "a.dat",
+        format!("%  t u y\n{}", plain("   ")).as_bytes(),
+        &["u = column `u`", "unit not said: taken as V"],
+    );
+    let german = format!(
+        "Zeit [s];Spannung [V];Weg [µm]\n{}",
+        plain(";").replace('.', ",")
+    );
     gives("a.csv", german.as_bytes(), &["commas as decimal sign"]);
-    gives("a.csv", format!("\u{feff}t_s,u_v,y_um\n{}", plain(",")).as_bytes(), &[]);
-    let quoted = format!("\"t, s\",\"u, V\",\"y, um\"\n{}", rows(|[t, u, y]| format!("\"{t:.4}\",\"{u:.6}\",\"{y:.6}\"")));
+    gives(
+        "a.csv",
+        format!("\u{feff}t_s,u_v,y_um\n{}", plain(",")).as_bytes(),
+        &[],
+    );
+    let quoted = format!(
+        "\"t, s\",\"u, V\",\"y, um\"\n{}",
+        rows(|[t, u, y]| format!("\"{t:.4}\",\"{u:.6}\",\"{y:.6}\""))
+    );
     gives("a.csv", quoted.as_bytes(), &[]);
-    gives("a.csv", format!("Stage 7\nOperator: somebody\n\n\nt_s,u_v,y_um,\n{}", plain(",").replace('\n', ",\n")).as_bytes(), &[]);
+    gives(
+        "a.csv",
+        format!(
+            "Stage 7\nOperator: somebody\n\n\nt_s,u_v,y_um,\n{}",
+            plain(",").replace('\n', ",\n")
+        )
+        .as_bytes(),
+        &[],
+    );
 }
 
 #[test]
 fn encodings() {
-    let latin: Vec<u8> = format!("Zeit [s];Spannung [V];Weg [µm]\n{}", plain(";")).chars().map(|c| c as u32 as u8).collect();
+    let latin: Vec<u8> = format!("Zeit [s];Spannung [V];Weg [µm]\n{}", plain(";"))
+        .chars()
+        .map(|c| c as u32 as u8)
+        .collect();
     gives("a.csv", &latin, &["read as Latin-1"]);
     let text = format!("t_s\tu_v\ty_um\n{}", plain("\t"));
-    let utf_16: Vec<u8> = [0xff, 0xfe].into_iter().chain(text.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+    let utf_16: Vec<u8> = [0xff, 0xfe]
+        .into_iter()
+        .chain(text.encode_utf16().flat_map(u16::to_le_bytes))
+        .collect();
     gives("a.txt", &utf_16, &[]);
-    refused("a.csv", &[0, 1, 2, 3, 200, 201, 0, 0, 7], &["no text", "expected CSV"]);
+    refused(
+        "a.csv",
+        &[0, 1, 2, 3, 200, 201, 0, 0, 7],
+        &["no text", "expected CSV"],
+    );
 }
 
 #[test]
 fn units_in_names_and_in_a_second_line() {
-    let scaled = |separator: &str| rows(|[t, u, y]| format!("{:.2}{separator}{:.4}{separator}{:.4}", 1e3 * t, 1e3 * u, 1e3 * y));
-    gives("a.csv", format!("t (ms),u [mV],pos_nm\n{}", scaled(",")).as_bytes(), &["column `t [ms]`", "column `pos [nm]`"]);
-    gives("a.csv", format!("time,drive,position\nms,mV,nm\n{}", scaled(",")).as_bytes(), &["[ms]"]);
-    gives("a.csv", format!("Time,Channel A,Channel B\n(ms),(mV),(nm)\n\n{}", scaled(",")).as_bytes(), &["column `Channel B [nm]`"]);
-    refused("a.csv", format!("t [h],u [V],y [um]\n{}", plain(",")).as_bytes(), &["t [h]", "ms"]);
-    let in_volts = gives("a.csv", format!("t [s],u [V],y [V]\n{}", plain(",")).as_bytes(), &["kept in V", "--units y=5um/V"]);
+    let scaled = |separator: &str| {
+        rows(|[t, u, y]| {
+            format!(
+                "{:.2}{separator}{:.4}{separator}{:.4}",
+                1e3 * t,
+                1e3 * u,
+                1e3 * y
+            )
+        })
+    };
+    gives(
+        "a.csv",
+        format!("t (ms),u [mV],pos_nm\n{}", scaled(",")).as_bytes(),
+        &["column `t [ms]`", "column `pos [nm]`"],
+    );
+    gives(
+        "a.csv",
+        format!("time,drive,position\nms,mV,nm\n{}", scaled(",")).as_bytes(),
+        &["[ms]"],
+    );
+    gives(
+        "a.csv",
+        format!(
+            "Time,Channel A,Channel B\n(ms),(mV),(nm)\n\n{}",
+            scaled(",")
+        )
+        .as_bytes(),
+        &["column `Channel B [nm]`"],
+    );
+    refused(
+        "a.csv",
+        format!("t [h],u [V],y [um]\n{}", plain(",")).as_bytes(),
+        &["t [h]", "ms"],
+    );
+    let in_volts = gives(
+        "a.csv",
+        format!("t [s],u [V],y [V]\n{}", plain(",")).as_bytes(),
+        &["kept in V", "--units y=5um/V"],
+    );
     assert_eq!(in_volts.units.reading, "V");
 }
 
 #[test]
 fn what_a_person_says_goes_first() {
-    let text = format!("a,b,c\n{}", rows(|[t, u, y]| format!("{:.6},{:.2},{:.5}", y / 5.0, 1e3 * t, 1e3 * u)));
+    let text = format!(
+        "a,b,c\n{}",
+        rows(|[t, u, y]| format!("{:.6},{:.2},{:.5}", y / 5.0, 1e3 * t, 1e3 * u))
+    );
     let number = |n| Some(ColumnName::Number(n));
     let wanted = ColumnRules {
-        columns: PerColumn { t: number(2), u: Some(ColumnName::Name("c".into())), y: number(1), force: None },
-        unit: PerColumn { t: Some("ms".into()), u: Some("mV".into()), y: Some("5um/V".into()), force: None },
+        columns: PerColumn {
+            t: number(2),
+            u: Some(ColumnName::Name("c".into())),
+            y: number(1),
+            force: None,
+        },
+        unit: PerColumn {
+            t: Some("ms".into()),
+            u: Some("mV".into()),
+            y: Some("5um/V".into()),
+            force: None,
+        },
         ..ColumnRules::default()
     };
-    gives_as("a.csv", text.as_bytes(), &Instructions { wanted, ..Instructions::default() }, &["in 5um/V"]);
+    gives_as(
+        "a.csv",
+        text.as_bytes(),
+        &Instructions {
+            wanted,
+            ..Instructions::default()
+        },
+        &["in 5um/V"],
+    );
     let no_time = rows(|[_, u, y]| format!("{u:.6};{y:.6}"));
     refused("a.csv", no_time.as_bytes(), &["--sample-rate-hz"]);
-    let rate = Instructions { sample_rate_hz: Some(RATE_HZ), ..Instructions::default() };
-    gives_as("a.csv", no_time.as_bytes(), &rate, &["column 1 is taken for the drive"]);
-    let skipped = Instructions { skip_rows: Some(3), ..Instructions::default() };
-    gives_as("a.csv", format!("1,2,3\n4,5,6\n7,8,9\nt_s,u_v,y_um\n{}", plain(",")).as_bytes(), &skipped, &[]);
+    let rate = Instructions {
+        sample_rate_hz: Some(RATE_HZ),
+        ..Instructions::default()
+    };
+    gives_as(
+        "a.csv",
+        no_time.as_bytes(),
+        &rate,
+        &["column 1 is taken for the drive"],
+    );
+    let skipped = Instructions {
+        skip_rows: Some(3),
+        ..Instructions::default()
+    };
+    gives_as(
+        "a.csv",
+        format!("1,2,3\n4,5,6\n7,8,9\nt_s,u_v,y_um\n{}", plain(",")).as_bytes(),
+        &skipped,
+        &[],
+    );
 }
 
 #[test]
 fn a_manifest_says_units_factors_and_rows_and_one_file_serves_twice() {
-    let text = format!("9 9 9\n{}", rows(|[t, u, y]| format!("{:.3} {:.6} {:.6}", 1e3 * t, u / 15.0, y / 5.0)));
+    let text = format!(
+        "9 9 9\n{}",
+        rows(|[t, u, y]| format!("{:.3} {:.6} {:.6}", 1e3 * t, u / 15.0, y / 5.0))
+    );
     let manifest = "name = \"m\"\ndrive_min_v = 0.0\ndrive_max_v = 40.0\n[[record]]\nfile = \"a.txt\"\nname = \"rise\"\nrole = \"identify\"\n\
                     initial_state = \"unknown\"\nskip_rows = 1\nunit = { t = \"ms\", y = \"5 um/V\" }\nscale = { u = 15.0 }\n\
                     columns = { t = 1, u = 2, y = 3 }\nto_s = 0.1\n\
@@ -127,25 +275,60 @@ fn a_manifest_says_units_factors_and_rows_and_one_file_serves_twice() {
     let files = BTreeMap::from([("a.txt".to_owned(), text.into_bytes())]);
     let dataset = from_manifest(manifest, "dataset.toml", &files).unwrap();
     let record = &dataset.records[0];
-    assert_eq!((record.name.as_str(), dataset.records[1].name.as_str()), ("rise", "a"));
+    assert_eq!(
+        (record.name.as_str(), dataset.records[1].name.as_str()),
+        ("rise", "a")
+    );
     assert!((record.sample_rate_hz - RATE_HZ).abs() < 1e-3);
     assert_eq!(record.window, 0..200);
-    assert!((record.displacement_um[100] - recording()[100][2]).abs() < 1e-5 && (record.drive_v[100] - recording()[100][1]).abs() < 2e-5);
+    assert!(
+        (record.displacement_um[100] - recording()[100][2]).abs() < 1e-5
+            && (record.drive_v[100] - recording()[100][1]).abs() < 2e-5
+    );
 }
 
 #[test]
 fn columns_without_names_are_known_by_what_they_do() {
     // As in measured files: an empty first column, then t, y, u.
-    gives("a.csv", rows(|[t, u, y]| format!(",{t:.4},{y:.6},{u:.6}")).as_bytes(), &["column 4 is taken for the drive, because it leads"]);
-    gives("a.csv", plain(",").as_bytes(), &["t = column 1, rising evenly, unit not said: taken as s", "--columns"]);
-    gives("a.csv", rows(|[t, u, y]| format!("{u:.6} {y:.6} {t:.4}")).as_bytes(), &["column 1 is taken for the drive"]);
-    gives("a.csv", rows(|[t, u, y]| format!("{t:.4} {:.6} {u:.6} 21.5", y)).as_bytes(), &["column 3 is taken for the drive"]);
+    gives(
+        "a.csv",
+        rows(|[t, u, y]| format!(",{t:.4},{y:.6},{u:.6}")).as_bytes(),
+        &["column 4 is taken for the drive, because it leads"],
+    );
+    gives(
+        "a.csv",
+        plain(",").as_bytes(),
+        &[
+            "t = column 1, rising evenly, unit not said: taken as s",
+            "--columns",
+        ],
+    );
+    gives(
+        "a.csv",
+        rows(|[t, u, y]| format!("{u:.6} {y:.6} {t:.4}")).as_bytes(),
+        &["column 1 is taken for the drive"],
+    );
+    gives(
+        "a.csv",
+        rows(|[t, u, y]| format!("{t:.4} {:.6} {u:.6} 21.5", y)).as_bytes(),
+        &["column 3 is taken for the drive"],
+    );
     // A second drive column is the amplifier's monitor, noisy and late.
     let monitor = |u: f64, t: f64| u + 0.05 * ((t * 1e7) % 1.0);
-    let text = format!("t_s,u_v,u_monitor_v,y_um\n{}", rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.6},{y:.6}", monitor(*u, *t))));
-    gives("a.csv", text.as_bytes(), &["2 columns may be the drive: column `u [v]` is taken"]);
+    let text = format!(
+        "t_s,u_v,u_monitor_v,y_um\n{}",
+        rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.6},{y:.6}", monitor(*u, *t)))
+    );
+    gives(
+        "a.csv",
+        text.as_bytes(),
+        &["2 columns may be the drive: column `u [v]` is taken"],
+    );
     let exchanged = format!("t_s,y_um,u_v\n{}", plain(","));
-    let notes = from_file("a.csv", exchanged.as_bytes()).unwrap().notes.join("\n");
+    let notes = from_file("a.csv", exchanged.as_bytes())
+        .unwrap()
+        .notes
+        .join("\n");
     assert!(notes.contains("are they exchanged?"), "{notes}");
 }
 
@@ -155,14 +338,30 @@ fn loggers_and_oscilloscopes() {
                    X_Columns\tOne\nTime_Pref\tRelative\nDate\t2026/01/01\nTime\t12:00:00.5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\n\
                    Samples\t600\t600\t\nDate\t2026/01/01\t2026/01/01\t\nY_Unit_Label\tVolts\tum\t\nX_Dimension\tTime\tTime\t\n\
                    X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t\nDelta_X\t0.000500\t0.000500\t\n***End_of_Header***\t\t\t\n";
-    let with_time = format!("{labview}X_Value\tUntitled\tUntitled 1\tComment\n{}", plain("\t"));
+    let with_time = format!(
+        "{labview}X_Value\tUntitled\tUntitled 1\tComment\n{}",
+        plain("\t")
+    );
     gives("a.lvm", with_time.as_bytes(), &["t = column `X_Value`"]);
     let without = labview.replace("X_Columns\tOne", "X_Columns\tNo");
-    let without = format!("{without}X_Value\tUntitled\tUntitled 1\tComment\n{}", rows(|[_, u, y]| format!("\t{u:.6}\t{y:.6}")));
-    gives("a.lvm", without.as_bytes(), &["2000.000000 samples per second, as the file says"]);
+    let without = format!(
+        "{without}X_Value\tUntitled\tUntitled 1\tComment\n{}",
+        rows(|[_, u, y]| format!("\t{u:.6}\t{y:.6}"))
+    );
+    gives(
+        "a.lvm",
+        without.as_bytes(),
+        &["2000.000000 samples per second, as the file says"],
+    );
 
     let sensor = Instructions {
-        wanted: ColumnRules { unit: PerColumn { y: Some("5 um/V".into()), ..PerColumn::default() }, ..ColumnRules::default() },
+        wanted: ColumnRules {
+            unit: PerColumn {
+                y: Some("5 um/V".into()),
+                ..PerColumn::default()
+            },
+            ..ColumnRules::default()
+        },
         ..Instructions::default()
     };
     let volts = || rows(|[t, u, y]| format!("{t:.6e},{u:.6},{:.7}", y / 5.0));
@@ -170,52 +369,143 @@ fn loggers_and_oscilloscopes() {
         "Model,MSO4034\nFirmware Version,2.48\n\nWaveform Type,ANALOG,,\nHorizontal Units,s,,\nSample Interval,5.0E-4,,\nVertical Units,V,V,\n\n\nTIME,CH1,CH2\n{}",
         volts()
     );
-    gives_as("tek.csv", tektronix.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive"]);
+    gives_as(
+        "tek.csv",
+        tektronix.as_bytes(),
+        &sensor,
+        &["column `CH1 [V]` is taken for the drive"],
+    );
     // A channel for each time: the units stand over the channels, and not over the columns of time.
     let own_times = rows(|[t, u, y]| format!("{t:.6e},{u:.6},{t:.6e},{:.7}", y / 5.0));
     let head = "Model,MDO3024\n\nHorizontal Units,s,,s\nSample Interval,5.0E-4,,5.0E-4\nVertical Units,V,,V\n\nTIME,CH1,TIME,CH2\n";
     let own_times = format!("{head}{own_times}");
-    gives_as("tek.csv", own_times.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive", "two columns of time that agree"]);
-    refused("tek.csv", own_times.as_bytes(), &["column `CH2 [V]` is the displacement in volts", "--units y=5um/V"]);
+    gives_as(
+        "tek.csv",
+        own_times.as_bytes(),
+        &sensor,
+        &[
+            "column `CH1 [V]` is taken for the drive",
+            "two columns of time that agree",
+        ],
+    );
+    refused(
+        "tek.csv",
+        own_times.as_bytes(),
+        &[
+            "column `CH2 [V]` is the displacement in volts",
+            "--units y=5um/V",
+        ],
+    );
     let peaks = rows(|[t, u, y]| format!("{t:.6e},{u:.6},,{:.7},", y / 5.0));
     for units in ["V,,V,", "V,V,"] {
-        let text = format!("Model,MDO3024\nVertical Units,{units}\n\nTIME,CH1,CH1 Peak Detect,CH2,CH2 Peak Detect\n{peaks}");
-        gives_as("tek.csv", text.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive"]);
-        refused("tek.csv", text.as_bytes(), &["column `CH2 [V]` is the displacement in volts"]);
+        let text = format!(
+            "Model,MDO3024\nVertical Units,{units}\n\nTIME,CH1,CH1 Peak Detect,CH2,CH2 Peak Detect\n{peaks}"
+        );
+        gives_as(
+            "tek.csv",
+            text.as_bytes(),
+            &sensor,
+            &["column `CH1 [V]` is taken for the drive"],
+        );
+        refused(
+            "tek.csv",
+            text.as_bytes(),
+            &["column `CH2 [V]` is the displacement in volts"],
+        );
     }
     let keysight = format!("x-axis,1,2\nsecond,Volt,Volt\n{}", volts());
-    gives_as("key.csv", keysight.as_bytes(), &sensor, &["column `1 [Volt]` is taken for the drive"]);
+    gives_as(
+        "key.csv",
+        keysight.as_bytes(),
+        &sensor,
+        &["column `1 [Volt]` is taken for the drive"],
+    );
     // Commas at the ends of header and rows, as this or that series of Rigol has them.
-    for (of_names, of_units, of_rows) in [(",", "", ",,,"), (",", "", ","), (",", "", ""), ("", "", ",,"), ("", "", ""), (",", ",", ",")] {
-        let mut rigol = format!("X,CH1,CH2,Start,Increment{of_names}\nSequence,Volt,Volt,0.0,5.0e-4{of_units}\n");
+    for (of_names, of_units, of_rows) in [
+        (",", "", ",,,"),
+        (",", "", ","),
+        (",", "", ""),
+        ("", "", ",,"),
+        ("", "", ""),
+        (",", ",", ","),
+    ] {
+        let mut rigol = format!(
+            "X,CH1,CH2,Start,Increment{of_names}\nSequence,Volt,Volt,0.0,5.0e-4{of_units}\n"
+        );
         for (count, [_, u, y]) in recording().iter().enumerate() {
             writeln!(rigol, "{count},{u:.6},{:.7}{of_rows}", y / 5.0).unwrap();
         }
-        gives_as("rigol.csv", rigol.as_bytes(), &sensor, &["column `CH1 [Volt]` is taken for the drive"]);
-        refused("rigol.csv", rigol.as_bytes(), &["column `CH2 [Volt]` is the displacement in volts"]);
+        gives_as(
+            "rigol.csv",
+            rigol.as_bytes(),
+            &sensor,
+            &["column `CH1 [Volt]` is taken for the drive"],
+        );
+        refused(
+            "rigol.csv",
+            rigol.as_bytes(),
+            &["column `CH2 [Volt]` is the displacement in volts"],
+        );
     }
     let rohde = format!("\"in s\",\"C1 in V\",\"C2 in V\"\n{}", volts());
-    gives_as("rs.csv", rohde.as_bytes(), &sensor, &["column `C1 [V]` is taken for the drive"]);
-    refused("rs.csv", rohde.as_bytes(), &["column `C2 [V]` is the displacement in volts", "--units y=5um/V"]);
+    gives_as(
+        "rs.csv",
+        rohde.as_bytes(),
+        &sensor,
+        &["column `C1 [V]` is taken for the drive"],
+    );
+    refused(
+        "rs.csv",
+        rohde.as_bytes(),
+        &[
+            "column `C2 [V]` is the displacement in volts",
+            "--units y=5um/V",
+        ],
+    );
     // Old Tektronix: keys and values beside the samples, each channel with its own time.
     let mut line = 0;
     let old = recording().iter().fold(String::new(), |text, [t, u, y]| {
         line += 1;
-        let side = ["Record Length,600,Points,", "Sample Interval,5e-4,s,", "Vertical Units,V,,"].get(line - 1).copied().unwrap_or(",,,");
+        let side = [
+            "Record Length,600,Points,",
+            "Sample Interval,5e-4,s,",
+            "Vertical Units,V,,",
+        ]
+        .get(line - 1)
+        .copied()
+        .unwrap_or(",,,");
         format!("{text}{side}{t:.4},{u:.6},{side}{t:.4},{:.7},\n", y / 5.0)
     });
-    gives_as("tds.csv", old.as_bytes(), &sensor, &["two columns of time that agree"]);
+    gives_as(
+        "tds.csv",
+        old.as_bytes(),
+        &sensor,
+        &["two columns of time that agree"],
+    );
 }
 
 #[test]
 fn two_columns_of_time() {
     // The second channel is sampled half a period later and ends earlier.
-    let text = format!("t_u,u_v,t_y,y_um\n{}", rows(|[t, u, _]| format!("{t:.5},{u:.6},{:.5},{:.6}", t + 0.00025, 100.0 * t + 0.025)));
+    let text = format!(
+        "t_u,u_v,t_y,y_um\n{}",
+        rows(|[t, u, _]| format!("{t:.5},{u:.6},{:.5},{:.6}", t + 0.00025, 100.0 * t + 0.025))
+    );
     let dataset = from_file("a.csv", text.as_bytes()).unwrap();
     let record = dataset.records.last().unwrap();
-    assert!(dataset.notes.join("\n").contains("which is interpolated to the first"), "{:?}", dataset.notes);
+    assert!(
+        dataset
+            .notes
+            .join("\n")
+            .contains("which is interpolated to the first"),
+        "{:?}",
+        dataset.notes
+    );
     for (k, y) in record.displacement_um.iter().enumerate() {
-        assert!((y - 100.0 * (k + 1) as f64 / RATE_HZ).abs() < 1e-5, "{k}: {y}");
+        assert!(
+            (y - 100.0 * (k + 1) as f64 / RATE_HZ).abs() < 1e-5,
+            "{k}: {y}"
+        );
     }
 }
 
@@ -223,11 +513,21 @@ fn two_columns_of_time() {
 fn two_columns_of_time_of_one_clock() {
     // Seconds from the start beside those of another moment, a second or half a century before: nothing is
     // interpolated, and no sample is lost.
-    for (from_s, said) in [(1.0, "1.000000 s apart"), (1.7e9, "1700000000.000000 s apart")] {
+    for (from_s, said) in [
+        (1.0, "1.000000 s apart"),
+        (1.7e9, "1700000000.000000 s apart"),
+    ] {
         for header in ["t,clock,u_v,y_um", "t_s,epoch_s,u_v,y_um"] {
-            let text = format!("{header}\n{}", rows(|[t, u, y]| format!("{t:.4},{:.4},{u:.6},{y:.6}", from_s + t)));
+            let text = format!(
+                "{header}\n{}",
+                rows(|[t, u, y]| format!("{t:.4},{:.4},{u:.6},{y:.6}", from_s + t))
+            );
             let dataset = from_file("a.csv", text.as_bytes()).unwrap();
-            assert!(dataset.notes.join("\n").contains(said), "{:?}", dataset.notes);
+            assert!(
+                dataset.notes.join("\n").contains(said),
+                "{:?}",
+                dataset.notes
+            );
             assert_eq!(dataset.records.last().unwrap().drive_v.len(), SAMPLES);
         }
     }
@@ -236,22 +536,46 @@ fn two_columns_of_time_of_one_clock() {
 #[test]
 fn times_of_day_and_stamps_that_jitter() {
     let stamp = |t: f64| format!("2026-03-01 12:00:{:09.6}", 1.0 + t);
-    gives("a.csv", format!("timestamp,u_v,y_um\n{}", rows(|[t, u, y]| format!("{},{u:.6},{y:.6}", stamp(*t)))).as_bytes(), &[]);
+    gives(
+        "a.csv",
+        format!(
+            "timestamp,u_v,y_um\n{}",
+            rows(|[t, u, y]| format!("{},{u:.6},{y:.6}", stamp(*t)))
+        )
+        .as_bytes(),
+        &[],
+    );
     let mut lines: Vec<String> = plain(",").lines().map(String::from).collect();
     lines[300] = lines[300].replacen("0.1500", "0.1502", 1);
     lines.remove(100);
     lines.insert(50, lines[49].clone());
-    let dataset = from_file("a.csv", format!("t_s,u_v,y_um\n{}", lines.join("\n")).as_bytes()).unwrap();
+    let dataset = from_file(
+        "a.csv",
+        format!("t_s,u_v,y_um\n{}", lines.join("\n")).as_bytes(),
+    )
+    .unwrap();
     let notes = dataset.notes.join("\n");
-    for word in
-        ["row 52 has the time stamp of the row before", "one sample is missing, before row 103", "jitter by up to 40 %", "2000.000000 Hz"]
-    {
+    for word in [
+        "row 52 has the time stamp of the row before",
+        "one sample is missing, before row 103",
+        "jitter by up to 40 %",
+        "2000.000000 Hz",
+    ] {
         assert!(notes.contains(word), "{word}: {notes}");
     }
     assert_eq!(dataset.records.last().unwrap().drive_v.len(), SAMPLES);
-    let milliseconds = format!("t,u_v,y_um\n{}", rows(|[t, u, y]| format!("{:.1},{u:.6},{y:.6}", 1e3 * t)));
-    let notes = from_file("a.csv", milliseconds.as_bytes()).unwrap().notes.join("\n");
-    assert!(notes.contains("t = column `t` (column 1), unit not said: taken as s"), "{notes}");
+    let milliseconds = format!(
+        "t,u_v,y_um\n{}",
+        rows(|[t, u, y]| format!("{:.1},{u:.6},{y:.6}", 1e3 * t))
+    );
+    let notes = from_file("a.csv", milliseconds.as_bytes())
+        .unwrap()
+        .notes
+        .join("\n");
+    assert!(
+        notes.contains("t = column `t` (column 1), unit not said: taken as s"),
+        "{notes}"
+    );
 }
 
 #[test]
@@ -265,19 +589,67 @@ fn damage_is_told_with_its_place() {
     refused("a.csv", b"", &["empty"]);
     refused("a.csv", b"\n\n  \n", &["empty"]);
     refused("a.csv", b"t_s,u_v,y_um\n", &["no rows of numbers"]);
-    refused("a.csv", b"nothing but words\nand more words\n", &["no rows of numbers", "row 2"]);
-    refused("a.csv", with(41, "0.0195,abc,1.0").as_bytes(), &["row 41", "`u [v]`", "abc"]);
-    refused("a.csv", with(2, "0.0,abc,1.0").as_bytes(), &["row 2", "abc"]);
-    refused("a.csv", with(41, "0.0195,NaN,1.0").as_bytes(), &["row 41", "`u [v]`", "finite"]);
-    refused("a.csv", with(41, "0.0195,1e999,1.0").as_bytes(), &["row 41", "finite"]);
-    refused("a.csv", with(41, "0.0195,1.0").as_bytes(), &["row 41", "2 cells", "3"]);
-    refused("a.csv", with(41, "0.0195,1.0,2.0,3.0").as_bytes(), &["row 41", "4 cells", "3"]);
-    refused("a.csv", with(41, "0.0195,,1.0").as_bytes(), &["row 41", "blank"]);
-    refused("a.csv", with(41, "0.0100,1.0,1.0").as_bytes(), &["row 41", "does not increase"]);
+    refused(
+        "a.csv",
+        b"nothing but words\nand more words\n",
+        &["no rows of numbers", "row 2"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,abc,1.0").as_bytes(),
+        &["row 41", "`u [v]`", "abc"],
+    );
+    refused(
+        "a.csv",
+        with(2, "0.0,abc,1.0").as_bytes(),
+        &["row 2", "abc"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,NaN,1.0").as_bytes(),
+        &["row 41", "`u [v]`", "finite"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,1e999,1.0").as_bytes(),
+        &["row 41", "finite"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,1.0").as_bytes(),
+        &["row 41", "2 cells", "3"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,1.0,2.0,3.0").as_bytes(),
+        &["row 41", "4 cells", "3"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0195,,1.0").as_bytes(),
+        &["row 41", "blank"],
+    );
+    refused(
+        "a.csv",
+        with(41, "0.0100,1.0,1.0").as_bytes(),
+        &["row 41", "does not increase"],
+    );
     // Short as a last row that was cut off, but with a line end, or with words.
-    refused("a.csv", format!("{good}0.3000,1.0\n").as_bytes(), &["row 602", "2 cells", "3"]);
-    refused("a.csv", format!("{good}stopped by hand").as_bytes(), &["row 602", "1 cells", "3"]);
-    refused("a.csv", format!("t,u,y\n{}", plain(",").replace('.', ",")).as_bytes(), &["6 cells under a header of 3", "decimal commas"]);
+    refused(
+        "a.csv",
+        format!("{good}0.3000,1.0\n").as_bytes(),
+        &["row 602", "2 cells", "3"],
+    );
+    refused(
+        "a.csv",
+        format!("{good}stopped by hand").as_bytes(),
+        &["row 602", "1 cells", "3"],
+    );
+    refused(
+        "a.csv",
+        format!("t,u,y\n{}", plain(",").replace('.', ",")).as_bytes(),
+        &["6 cells under a header of 3", "decimal commas"],
+    );
     refused("a.csv", with(41, "0.0195;1.0;1.0").as_bytes(), &["row 41"]);
     let mixed = plain(";").replacen("0.0100", "0,0100", 1);
     refused("a.csv", mixed.as_bytes(), &["row 21", "decimal comma"]);
@@ -299,13 +671,30 @@ fn a_last_row_that_may_be_cut_off_is_left_aside() {
     let cut = from_file("a.csv", &text.as_bytes()[..text.len() - 2]).unwrap();
     assert_eq!(cut.records.last().unwrap().drive_v.len(), SAMPLES - 1);
     let note = format!("row {} is the last and has no line end", SAMPLES + 1);
-    assert!(cut.notes.iter().any(|said| said.contains(&note)), "{:?}", cut.notes);
+    assert!(
+        cut.notes.iter().any(|said| said.contains(&note)),
+        "{:?}",
+        cut.notes
+    );
     // Wherever it was cut.
     let (whole, last) = text.trim_end().rsplit_once('\n').unwrap();
     for characters in 1..last.len() {
-        let cut = from_file("a.csv", format!("{whole}\n{}", &last[..characters]).as_bytes()).unwrap();
-        assert_eq!(cut.records.last().unwrap().drive_v.len(), SAMPLES - 1, "{}", &last[..characters]);
-        assert!(cut.notes.iter().any(|said| said.contains(&note)), "{:?}", cut.notes);
+        let cut = from_file(
+            "a.csv",
+            format!("{whole}\n{}", &last[..characters]).as_bytes(),
+        )
+        .unwrap();
+        assert_eq!(
+            cut.records.last().unwrap().drive_v.len(),
+            SAMPLES - 1,
+            "{}",
+            &last[..characters]
+        );
+        assert!(
+            cut.notes.iter().any(|said| said.contains(&note)),
+            "{:?}",
+            cut.notes
+        );
     }
 }
 
@@ -313,55 +702,155 @@ fn a_last_row_that_may_be_cut_off_is_left_aside() {
 fn rows_in_another_notation_are_not_lost() {
     let half = |text: &str, first: bool| {
         let lines: Vec<&str> = text.lines().collect();
-        let part = if first { &lines[..SAMPLES / 2] } else { &lines[SAMPLES / 2..] };
+        let part = if first {
+            &lines[..SAMPLES / 2]
+        } else {
+            &lines[SAMPLES / 2..]
+        };
         part.join("\n") + "\n"
     };
     let points = plain(",");
     let commas = plain(";").replace('.', ",");
-    for (above, below) in [(&points, &commas), (&commas, &points), (&points, &commas.replace(';', ","))] {
+    for (above, below) in [
+        (&points, &commas),
+        (&commas, &points),
+        (&points, &commas.replace(';', ",")),
+    ] {
         let mixed = format!("t,u,y\n{}{}", half(above, true), half(below, false));
-        refused("mixed.csv", mixed.as_bytes(), &["row 2", "row 302", "another way", "--skip-rows 301"]);
+        refused(
+            "mixed.csv",
+            mixed.as_bytes(),
+            &["row 2", "row 302", "another way", "--skip-rows 301"],
+        );
     }
     // A few numbers in a header are none of the rows.
-    gives("counts.csv", format!("600,2000\nt,u,y\n{points}").as_bytes(), &[]);
-    let beyond = Instructions { skip_rows: Some(5000), ..Instructions::default() };
-    let said = from_file_as("short.csv", points.as_bytes(), &beyond).unwrap_err().to_string();
-    assert!(said.contains("600 lines") && said.contains("5000"), "{said}");
+    gives(
+        "counts.csv",
+        format!("600,2000\nt,u,y\n{points}").as_bytes(),
+        &[],
+    );
+    let beyond = Instructions {
+        skip_rows: Some(5000),
+        ..Instructions::default()
+    };
+    let said = from_file_as("short.csv", points.as_bytes(), &beyond)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains("600 lines") && said.contains("5000"),
+        "{said}"
+    );
 }
 
 #[test]
 fn signals_that_no_actuator_has_are_refused() {
     let huge = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.6e}", y * 1e300));
-    refused("huge.csv", format!("t,u,y\n{huge}").as_bytes(), &["row", "at most 1e7 um", "unit"]);
-    let unit = PerColumn { y: Some("5um".to_owned()), ..PerColumn::default() };
-    let said = Instructions { wanted: ColumnRules { unit, ..ColumnRules::default() }, ..Instructions::default() };
-    let message = from_file_as("um.csv", format!("t [s],u [V],y [um]\n{}", plain(",")).as_bytes(), &said).unwrap_err().to_string();
+    refused(
+        "huge.csv",
+        format!("t,u,y\n{huge}").as_bytes(),
+        &["row", "at most 1e7 um", "unit"],
+    );
+    let unit = PerColumn {
+        y: Some("5um".to_owned()),
+        ..PerColumn::default()
+    };
+    let said = Instructions {
+        wanted: ColumnRules {
+            unit,
+            ..ColumnRules::default()
+        },
+        ..Instructions::default()
+    };
+    let message = from_file_as(
+        "um.csv",
+        format!("t [s],u [V],y [um]\n{}", plain(",")).as_bytes(),
+        &said,
+    )
+    .unwrap_err()
+    .to_string();
     assert!(message.contains("5um/V"), "{message}");
 }
 
 #[test]
 fn a_signal_that_rises_like_time_is_what_it_is_said_to_be() {
     let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.5}", 22.0 + 3.0 * t));
-    let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
-    let said = Instructions { wanted: ColumnRules { auxiliary, ..ColumnRules::default() }, ..Instructions::default() };
-    let dataset = gives_as("warm.csv", format!("t,u,y,chamber\n{text}").as_bytes(), &said, &[]);
+    let auxiliary = BTreeMap::from([(
+        "temperature_c".to_owned(),
+        ColumnName::Name("chamber".into()),
+    )]);
+    let said = Instructions {
+        wanted: ColumnRules {
+            auxiliary,
+            ..ColumnRules::default()
+        },
+        ..Instructions::default()
+    };
+    let dataset = gives_as(
+        "warm.csv",
+        format!("t,u,y,chamber\n{text}").as_bytes(),
+        &said,
+        &[],
+    );
     let signal = &dataset.records.last().unwrap().auxiliary[0];
-    assert!(signal.name == "temperature_c" && (signal.values[SAMPLES - 1] - 22.0 - 3.0 * (SAMPLES - 1) as f64 / RATE_HZ).abs() < 1e-4);
+    assert!(
+        signal.name == "temperature_c"
+            && (signal.values[SAMPLES - 1] - 22.0 - 3.0 * (SAMPLES - 1) as f64 / RATE_HZ).abs()
+                < 1e-4
+    );
 }
 
 #[test]
 fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begins_later() {
     // The displacement's clock begins ten samples after that of the drive.
     let later = 10.0 / RATE_HZ;
-    let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.4},{y:.6},{:.4},{:.4}", t + later, 100.0 * t, 22.0 + 10.0 * t));
-    let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
-    let said = Instructions { wanted: ColumnRules { auxiliary, ..ColumnRules::default() }, ..Instructions::default() };
-    let dataset = from_file_as("two_clocks.csv", format!("t,u,t2,y,force [N],chamber\n{text}").as_bytes(), &said).unwrap();
+    let text = rows(|[t, u, y]| {
+        format!(
+            "{t:.4},{u:.6},{:.4},{y:.6},{:.4},{:.4}",
+            t + later,
+            100.0 * t,
+            22.0 + 10.0 * t
+        )
+    });
+    let auxiliary = BTreeMap::from([(
+        "temperature_c".to_owned(),
+        ColumnName::Name("chamber".into()),
+    )]);
+    let said = Instructions {
+        wanted: ColumnRules {
+            auxiliary,
+            ..ColumnRules::default()
+        },
+        ..Instructions::default()
+    };
+    let dataset = from_file_as(
+        "two_clocks.csv",
+        format!("t,u,t2,y,force [N],chamber\n{text}").as_bytes(),
+        &said,
+    )
+    .unwrap();
     let record = dataset.records.last().unwrap();
-    assert!(dataset.notes.iter().any(|note| note.contains("two columns of time")), "{:?}", dataset.notes);
-    assert!((record.drive_v[0] - recording()[10][1]).abs() < 2e-5, "{}", record.drive_v[0]);
-    let (force_n, temperature_c) = (record.force_n.as_ref().unwrap()[0], record.auxiliary[0].values[0]);
-    assert!((force_n - 100.0 * later).abs() < 1e-3 && (temperature_c - 22.0 - 10.0 * later).abs() < 1e-3, "{force_n} N, {temperature_c}");
+    assert!(
+        dataset
+            .notes
+            .iter()
+            .any(|note| note.contains("two columns of time")),
+        "{:?}",
+        dataset.notes
+    );
+    assert!(
+        (record.drive_v[0] - recording()[10][1]).abs() < 2e-5,
+        "{}",
+        record.drive_v[0]
+    );
+    let (force_n, temperature_c) = (
+        record.force_n.as_ref().unwrap()[0],
+        record.auxiliary[0].values[0],
+    );
+    assert!(
+        (force_n - 100.0 * later).abs() < 1e-3
+            && (temperature_c - 22.0 - 10.0 * later).abs() < 1e-3,
+        "{force_n} N, {temperature_c}"
+    );
 }
 
 /// A delay counts from the timing that was assumed, and nothing was where the records show theirs or somebody
@@ -369,12 +858,27 @@ fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begi
 #[test]
 fn a_timing_is_assumed_only_where_nothing_shows_it() {
     let assumed = |rows: String, timing| {
-        let instructions = Instructions { timing, ..Instructions::default() };
-        from_file_as("a.csv", format!("t_s,u_v,y_um\n{rows}").as_bytes(), &instructions).unwrap().timing_is_assumed
+        let instructions = Instructions {
+            timing,
+            ..Instructions::default()
+        };
+        from_file_as(
+            "a.csv",
+            format!("t_s,u_v,y_um\n{rows}").as_bytes(),
+            &instructions,
+        )
+        .unwrap()
+        .timing_is_assumed
     };
     let fast_v = |k: usize| 5.0 - 5.0 * (0.3 * k as f64).cos();
-    let read_after_writing =
-        (0..500).fold(String::new(), |rows, k| rows + &format!("{:.3},{:.6},{:.6}\n", 1e-3 * k as f64, fast_v(k), 0.1 * fast_v(k)));
+    let read_after_writing = (0..500).fold(String::new(), |rows, k| {
+        rows + &format!(
+            "{:.3},{:.6},{:.6}\n",
+            1e-3 * k as f64,
+            fast_v(k),
+            0.1 * fast_v(k)
+        )
+    });
     assert!(assumed(plain(","), None));
     assert!(!assumed(plain(","), Some(Timing::HoldAfterSample)));
     assert!(!assumed(read_after_writing, None));
@@ -385,6 +889,13 @@ fn a_drive_that_is_negative_ends_at_zero_and_not_at_minus_zero() {
     let text = rows(|[t, u, y]| format!("{t:.4},{:.6},{:.6}", -u, -y));
     assert!(text.contains(",-0.000000,"), "as a logger writes it");
     let dataset = from_file("negative.csv", text.as_bytes()).unwrap();
-    assert!(dataset.notes.iter().any(|note| note.contains(" to 0 V; the state")), "{:?}", dataset.notes);
+    assert!(
+        dataset
+            .notes
+            .iter()
+            .any(|note| note.contains(" to 0 V; the state")),
+        "{:?}",
+        dataset.notes
+    );
     assert!(dataset.drive_max_v.is_sign_positive());
 }

@@ -36,14 +36,30 @@ fn rms(values: &[f64]) -> f64 {
 
 /// A fitted record and one that judges.
 fn records() -> Dataset {
-    let drive_v: Vec<f64> = (0..SAMPLES).map(|k| 5.0 - 5.0 * (k as f64 * 0.01).cos()).collect();
+    let drive_v: Vec<f64> = (0..SAMPLES)
+        .map(|k| 5.0 - 5.0 * (k as f64 * 0.01).cos())
+        .collect();
     let record = |name: &str| Record::new(name, 1000.0, drive_v.clone(), scaled(&drive_v, 0.1));
-    Dataset::new("t", 0.0, 10.0, vec![record("fitted"), record("judging").with_role(Role::Validate)]).unwrap()
+    Dataset::new(
+        "t",
+        0.0,
+        10.0,
+        vec![
+            record("fitted"),
+            record("judging").with_role(Role::Validate),
+        ],
+    )
+    .unwrap()
 }
 
 fn judged(fitted: Vec<f64>, held_out: Vec<f64>) -> Judged {
     let (identify_rms_um, validate_rms_um) = (rms(&fitted), Some(rms(&held_out)));
-    Judged { model: Model::new(0.0, 10.0), residuals: vec![fitted, held_out], identify_rms_um, validate_rms_um }
+    Judged {
+        model: Model::new(0.0, 10.0),
+        residuals: vec![fitted, held_out],
+        identify_rms_um,
+        validate_rms_um,
+    }
 }
 
 /// A floor that is the same in all records, or none.
@@ -69,10 +85,18 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
 /// held-out record.
 fn fate(floor_um: Option<f64>, best: (f64, f64), other: (f64, f64)) -> Fate {
     let dataset = records();
-    let study = Study::new(&dataset, Vec::new(), &known(floor_um, dataset.records.len()), Policy::default(), &Unwatched);
+    let study = Study::new(
+        &dataset,
+        Vec::new(),
+        &known(floor_um, dataset.records.len()),
+        Policy::default(),
+        &Unwatched,
+    );
     let (a, b) = (noise(1, 1.0), noise(2, 1.0));
     let (a, b) = (scaled(&a, 1.0 / rms(&a)), scaled(&b, 1.0 / rms(&b)));
-    let losses = [best, other].map(|(fitted, held_out)| Losses::of_judged(&study, &judged(scaled(&a, fitted), scaled(&b, held_out))));
+    let losses = [best, other].map(|(fitted, held_out)| {
+        Losses::of_judged(&study, &judged(scaled(&a, fitted), scaled(&b, held_out)))
+    });
     confidence_set(&study, &losses.each_ref())[1]
 }
 
@@ -104,28 +128,68 @@ fn above_the_noise_a_difference_matters_that_exceeds_the_remainder() {
 }
 
 /// What each record was driven with, and the readings of a chain with noise.
-fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool, rest: bool) -> Dataset {
+fn recorded(
+    chain: &[(&str, &[f64])],
+    noise_um: f64,
+    lsb_um: f64,
+    held_out: bool,
+    rest: bool,
+) -> Dataset {
     const RATE_HZ: f64 = 2000.0;
     let mut model = Model::new(0.0, 10.0);
     for (id, values) in chain {
-        model.add(EffectInstance::new(by_id(id).unwrap(), &Overview::without_data(0.0, 10.0), values));
+        model.add(EffectInstance::new(
+            by_id(id).unwrap(),
+            &Overview::without_data(0.0, 10.0),
+            values,
+        ));
     }
     let lines: Vec<usize> = (1..=150).step_by(4).collect();
     let drives = [
-        ("multisine", Role::Identify, waveform::multisine(500, &lines, 4.0, 5.0, 4, 3)),
-        ("steps", Role::Identify, waveform::steps(RATE_HZ, &[(0.0, 0.1), (6.0, 0.4), (2.0, 0.4)])),
-        ("other_multisine", Role::Validate, waveform::multisine(400, &lines, 3.0, 5.0, 4, 4)),
+        (
+            "multisine",
+            Role::Identify,
+            waveform::multisine(500, &lines, 4.0, 5.0, 4, 3),
+        ),
+        (
+            "steps",
+            Role::Identify,
+            waveform::steps(RATE_HZ, &[(0.0, 0.1), (6.0, 0.4), (2.0, 0.4)]),
+        ),
+        (
+            "other_multisine",
+            Role::Validate,
+            waveform::multisine(400, &lines, 3.0, 5.0, 4, 4),
+        ),
         ("rest", Role::Noise, vec![0.0; 2000]),
     ];
-    let wanted = |role: &Role| (held_out || *role != Role::Validate) && (rest || *role != Role::Noise);
+    let wanted =
+        |role: &Role| (held_out || *role != Role::Validate) && (rest || *role != Role::Noise);
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
         let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
         let mut noise = WhiteNoise::new(noise_um, 100 + i as u64);
-        let read = |y: f64| if lsb_um > 0.0 { (y / lsb_um).round() * lsb_um } else { y };
-        let readings = model.simulate(&drive).into_iter().map(|y| read(y + noise.next_um())).collect();
-        Record::new(name, RATE_HZ, drive_v, readings).from_virgin_state().with_role(role)
+        let read = |y: f64| {
+            if lsb_um > 0.0 {
+                (y / lsb_um).round() * lsb_um
+            } else {
+                y
+            }
+        };
+        let readings = model
+            .simulate(&drive)
+            .into_iter()
+            .map(|y| read(y + noise.next_um()))
+            .collect();
+        Record::new(name, RATE_HZ, drive_v, readings)
+            .from_virgin_state()
+            .with_role(role)
     };
-    let records = drives.into_iter().filter(|(_, role, _)| wanted(role)).enumerate().map(record).collect();
+    let records = drives
+        .into_iter()
+        .filter(|(_, role, _)| wanted(role))
+        .enumerate()
+        .map(record)
+        .collect();
     Dataset::new("recorded", 0.0, 10.0, records).unwrap()
 }
 
@@ -134,25 +198,47 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
 fn holds_invariant_5(found: &Outcome) {
     let d = &found.diagnosis;
     for name in &d.named {
-        let finding =
-            d.findings.iter().find(|f| f.effects.contains(name)).unwrap_or_else(|| panic!("{name} without finding: {}", d.sentence));
+        let finding = d
+            .findings
+            .iter()
+            .find(|f| f.effects.contains(name))
+            .unwrap_or_else(|| panic!("{name} without finding: {}", d.sentence));
         if let Evidence::Models { without, with, .. } = finding.evidence {
-            assert!(with.identify < without.identify || with.validate < without.validate, "{name}: {:?}", finding.evidence);
+            assert!(
+                with.identify < without.identify || with.validate < without.validate,
+                "{name}: {:?}",
+                finding.evidence
+            );
         }
-        let candidate = d.candidates.iter().find(|c| c.effect == *name).unwrap_or_else(|| panic!("{name} is no candidate: {}", d.sentence));
-        let stands = matches!(candidate.standing, Standing::Named | Standing::Alternative | Standing::InTheReadings);
+        let candidate = d
+            .candidates
+            .iter()
+            .find(|c| c.effect == *name)
+            .unwrap_or_else(|| panic!("{name} is no candidate: {}", d.sentence));
+        let stands = matches!(
+            candidate.standing,
+            Standing::Named | Standing::Alternative | Standing::InTheReadings
+        );
         assert!(stands, "{name}: {:?}", candidate.standing);
     }
     match d.verdict {
         Verdict::Named | Verdict::Ambiguous => assert!(!d.named.is_empty()),
-        Verdict::AtFloor | Verdict::Unexplained => assert!(d.named.is_empty() && d.reason.is_none(), "{}", d.sentence),
+        Verdict::AtFloor | Verdict::Unexplained => {
+            assert!(d.named.is_empty() && d.reason.is_none(), "{}", d.sentence)
+        }
         Verdict::Undecidable => assert!(d.reason.is_some(), "{}", d.sentence),
     }
 }
 
 fn explained(dataset: &Dataset, from: &str) -> Outcome {
     let effects = effects_named(from).unwrap();
-    let found = analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(
+        dataset,
+        Start::Effects(&effects),
+        &Options::default(),
+        &Unwatched,
+    )
+    .unwrap();
     holds_invariant_5(&found);
     found
 }
@@ -178,13 +264,25 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
     let dataset = recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true);
     let gain = effects_named("gain").unwrap();
     let within = |most: usize| {
-        let watch = LooksAtTheClock { most, taken: AtomicUsize::new(0) };
+        let watch = LooksAtTheClock {
+            most,
+            taken: AtomicUsize::new(0),
+        };
         analyse(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
     };
     let nothing = within(0);
     let (d, notes) = (&nothing.diagnosis, &nothing.floor.warnings);
-    assert_eq!((d.verdict, d.named.len()), (Verdict::Undecidable, 0), "{}", d.sentence);
-    assert!(d.reason == Some(Reason::OutOfTime) && notes.iter().any(|n| n.contains("time was over")), "{} {notes:?}", d.sentence);
+    assert_eq!(
+        (d.verdict, d.named.len()),
+        (Verdict::Undecidable, 0),
+        "{}",
+        d.sentence
+    );
+    assert!(
+        d.reason == Some(Reason::OutOfTime) && notes.iter().any(|n| n.contains("time was over")),
+        "{} {notes:?}",
+        d.sentence
+    );
     // The mode is found in the first round, which comes to the noise: nothing was cut short.
     let all = within(1);
     assert_eq!(
@@ -193,34 +291,91 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         "{}",
         all.diagnosis.sentence
     );
-    assert!(all.floor.warnings.iter().all(|note| !note.contains("time was over")), "{:?}", all.floor.warnings);
+    assert!(
+        all.floor
+            .warnings
+            .iter()
+            .all(|note| !note.contains("time was over")),
+        "{:?}",
+        all.floor.warnings
+    );
 }
 
 #[test]
 fn a_name_rests_on_held_out_records_or_says_that_there_are_none() {
     let chain: [(&str, &[f64]); 2] = [("gain", &[0.1]), MODE];
     let found = explained(&recorded(&chain, 0.002, 0.0, true, true), "gain");
-    assert_eq!(found.diagnosis.named, ["vibration"], "{}", found.diagnosis.sentence);
+    assert_eq!(
+        found.diagnosis.named,
+        ["vibration"],
+        "{}",
+        found.diagnosis.sentence
+    );
     let found = explained(&recorded(&chain, 0.002, 0.0, false, true), "gain");
-    assert_eq!(found.diagnosis.named, ["vibration"], "{}", found.diagnosis.sentence);
+    assert_eq!(
+        found.diagnosis.named,
+        ["vibration"],
+        "{}",
+        found.diagnosis.sentence
+    );
     let found = explained(&recorded(&chain, 0.002, 0.0, true, true), "gain,vibration");
-    assert_eq!(found.diagnosis.verdict, Verdict::AtFloor, "{}", found.diagnosis.sentence);
+    assert_eq!(
+        found.diagnosis.verdict,
+        Verdict::AtFloor,
+        "{}",
+        found.diagnosis.sentence
+    );
 }
 
 #[test]
 fn the_steps_of_a_converter_are_named_by_the_readings_alone() {
-    let found = explained(&recorded(&[("gain", &[0.1]), MODE], 0.002, 0.01, true, true), "gain,vibration");
-    let finding = found.diagnosis.findings.iter().find(|f| f.effects == ["quantisation"]).unwrap();
+    let found = explained(
+        &recorded(&[("gain", &[0.1]), MODE], 0.002, 0.01, true, true),
+        "gain,vibration",
+    );
+    let finding = found
+        .diagnosis
+        .findings
+        .iter()
+        .find(|f| f.effects == ["quantisation"])
+        .unwrap();
     assert_eq!(finding.evidence, Evidence::Readings);
 }
 
 #[test]
 fn beside_a_prior_model_an_effect_that_alone_explains_it_is_named() {
-    let model = explained(&recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true), "gain,vibration").model;
-    let lagging = recorded(&[("gain", &[0.1]), MODE, ("sensor_bandwidth", &[120.0])], 0.002, 0.0, true, true);
-    let found = analyse(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
+    let model = explained(
+        &recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true),
+        "gain,vibration",
+    )
+    .model;
+    let lagging = recorded(
+        &[("gain", &[0.1]), MODE, ("sensor_bandwidth", &[120.0])],
+        0.002,
+        0.0,
+        true,
+        true,
+    );
+    let found = analyse(
+        &lagging,
+        Start::Model(model),
+        &Options::default(),
+        &Unwatched,
+    )
+    .unwrap();
     holds_invariant_5(&found);
     // A lag in front of a mode does the same as one behind it: both are named.
-    assert!(found.diagnosis.named.contains(&"sensor_bandwidth".to_owned()), "{}", found.diagnosis.sentence);
-    assert!(found.diagnosis.findings[0].effects.contains(&"sensor_bandwidth".to_owned()));
+    assert!(
+        found
+            .diagnosis
+            .named
+            .contains(&"sensor_bandwidth".to_owned()),
+        "{}",
+        found.diagnosis.sentence
+    );
+    assert!(
+        found.diagnosis.findings[0]
+            .effects
+            .contains(&"sensor_bandwidth".to_owned())
+    );
 }

@@ -18,7 +18,11 @@ pub fn browser() -> Option<PathBuf> {
     let folders = std::env::var_os("PATH")?;
     ["chromium", "chromium-browser", "google-chrome"]
         .iter()
-        .find_map(|name| std::env::split_paths(&folders).map(|folder| folder.join(name)).find(|file| file.is_file()))
+        .find_map(|name| {
+            std::env::split_paths(&folders)
+                .map(|folder| folder.join(name))
+                .find(|file| file.is_file())
+        })
 }
 
 /// One page in a browser of its own.
@@ -41,27 +45,60 @@ impl Page {
             // The browser reads its third file and writes its fourth.
             .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 0</dev/null 1>/dev/null"])
             .arg(browser)
-            .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run", "--disable-sync"])
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--no-first-run",
+                "--disable-sync",
+            ])
             .args([
                 "--disable-background-networking",
                 "--disable-component-update",
                 "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
             ])
             .args(["--remote-debugging-pipe", "--window-size=1400,1000"])
-            .arg(format!("--user-data-dir={}", folder.join("profile").display()))
+            .arg(format!(
+                "--user-data-dir={}",
+                folder.join("profile").display()
+            ))
             .arg("about:blank")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
             .expect("the browser starts");
-        let (to, from) = (child.stdin.take().expect("a pipe"), BufReader::new(child.stdout.take().expect("a pipe")));
-        let mut page = Self { browser: child, to, from, last_id: 0, session: None, requests: Vec::new(), failures: Vec::new() };
-        page.send("Browser.setDownloadBehavior", &json!({ "behavior": "allow", "downloadPath": folder }));
+        let (to, from) = (
+            child.stdin.take().expect("a pipe"),
+            BufReader::new(child.stdout.take().expect("a pipe")),
+        );
+        let mut page = Self {
+            browser: child,
+            to,
+            from,
+            last_id: 0,
+            session: None,
+            requests: Vec::new(),
+            failures: Vec::new(),
+        };
+        page.send(
+            "Browser.setDownloadBehavior",
+            &json!({ "behavior": "allow", "downloadPath": folder }),
+        );
         let targets = page.send("Target.getTargets", &json!({}));
         let is_page = |target: &&Value| target["type"] == "page";
-        let target = targets["targetInfos"].as_array().into_iter().flatten().find(is_page).expect("a page")["targetId"].clone();
-        let attached = page.send("Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
+        let target = targets["targetInfos"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .find(is_page)
+            .expect("a page")["targetId"]
+            .clone();
+        let attached = page.send(
+            "Target.attachToTarget",
+            &json!({ "targetId": target, "flatten": true }),
+        );
         page.session = attached["sessionId"].as_str().map(String::from);
         for domain in ["Page", "Runtime", "Network"] {
             page.send(&format!("{domain}.enable"), &json!({}));
@@ -81,17 +118,29 @@ impl Page {
         }
         let mut bytes = message.to_string().into_bytes();
         bytes.push(0);
-        self.to.write_all(&bytes).and_then(|()| self.to.flush()).expect("the browser listens");
+        self.to
+            .write_all(&bytes)
+            .and_then(|()| self.to.flush())
+            .expect("the browser listens");
         loop {
             let mut answer = Vec::new();
-            self.from.read_until(0, &mut answer).expect("the browser answers");
+            self.from
+                .read_until(0, &mut answer)
+                .expect("the browser answers");
             assert_eq!(answer.pop(), Some(0), "the browser has ended");
             let mut answer: Value = serde_json::from_slice(&answer).expect("JSON");
             match answer["method"].as_str() {
                 Some("Network.requestWillBeSent") => {
-                    self.requests.push(answer["params"]["request"]["url"].as_str().unwrap_or_default().to_owned());
+                    self.requests.push(
+                        answer["params"]["request"]["url"]
+                            .as_str()
+                            .unwrap_or_default()
+                            .to_owned(),
+                    );
                 }
-                Some("Runtime.exceptionThrown") => self.failures.push(answer["params"]["exceptionDetails"].to_string()),
+                Some("Runtime.exceptionThrown") => self
+                    .failures
+                    .push(answer["params"]["exceptionDetails"].to_string()),
                 _ => {}
             }
             if answer["id"] == self.last_id {
@@ -103,9 +152,13 @@ impl Page {
 
     /// The value of an expression in the page.
     pub fn value(&mut self, expression: &str) -> Value {
-        let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
+        let asked =
+            json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let mut answer = self.send("Runtime.evaluate", &asked);
-        assert!(answer.get("exceptionDetails").is_none(), "{expression}: {answer}");
+        assert!(
+            answer.get("exceptionDetails").is_none(),
+            "{expression}: {answer}"
+        );
         answer["result"]["value"].take()
     }
 
@@ -136,7 +189,11 @@ impl Page {
              const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; }})()"
         );
         let found = self.value(&script);
-        let number = |i: usize| found[i].as_f64().unwrap_or_else(|| panic!("no element {selector}"));
+        let number = |i: usize| {
+            found[i]
+                .as_f64()
+                .unwrap_or_else(|| panic!("no element {selector}"))
+        };
         [number(0), number(1), number(2), number(3)]
     }
 
@@ -170,7 +227,10 @@ impl Page {
     pub fn drop_files(&mut self, files: &[PathBuf]) {
         let data = json!({ "items": [], "files": files, "dragOperationsMask": 1 });
         for kind in ["dragEnter", "dragOver", "drop"] {
-            self.send("Input.dispatchDragEvent", &json!({ "type": kind, "x": 300, "y": 300, "data": data }));
+            self.send(
+                "Input.dispatchDragEvent",
+                &json!({ "type": kind, "x": 300, "y": 300, "data": data }),
+            );
         }
     }
 
@@ -178,7 +238,11 @@ impl Page {
     pub fn saved(&mut self, file: &Path) -> String {
         let began = Instant::now();
         while !file.is_file() {
-            assert!(began.elapsed() < PATIENCE, "{} was not saved", file.display());
+            assert!(
+                began.elapsed() < PATIENCE,
+                "{} was not saved",
+                file.display()
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
         std::fs::read_to_string(file).expect("the saved file is text")

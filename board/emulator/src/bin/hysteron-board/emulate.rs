@@ -57,11 +57,18 @@ impl Options {
         };
         let mut words = words.iter();
         while let Some(word) = words.next() {
-            let mut value = || words.next().copied().ok_or_else(|| format!("`{word}` needs a value"));
+            let mut value = || {
+                words
+                    .next()
+                    .copied()
+                    .ok_or_else(|| format!("`{word}` needs a value"))
+            };
             match *word {
                 "--tcp" => {
                     let text = value()?;
-                    options.address = text.parse().map_err(|_| format!("--tcp {text}: expected an address like 127.0.0.1:50000"))?;
+                    options.address = text.parse().map_err(|_| {
+                        format!("--tcp {text}: expected an address like 127.0.0.1:50000")
+                    })?;
                 }
                 "--image" => options.image = Some(value()?.into()),
                 "--block" => options.block = Block::File(value()?.into()),
@@ -70,8 +77,14 @@ impl Options {
                 "--front-end" => options.front_end = Some(value()?.into()),
                 "--noise-nm" => {
                     let text = value()?;
-                    let nanometres = text.parse::<f64>().ok().filter(|nm| (0.0..=1000.0).contains(nm));
-                    options.noise_um = 1e-3 * nanometres.ok_or_else(|| format!("--noise-nm {text}: expected a number from 0 to 1000"))?;
+                    let nanometres = text
+                        .parse::<f64>()
+                        .ok()
+                        .filter(|nm| (0.0..=1000.0).contains(nm));
+                    options.noise_um = 1e-3
+                        * nanometres.ok_or_else(|| {
+                            format!("--noise-nm {text}: expected a number from 0 to 1000")
+                        })?;
                 }
                 "--truth" => options.truth = Some(value()?.into()),
                 other => {
@@ -81,7 +94,10 @@ impl Options {
             }
         }
         if options.stage.is_none() && options.front_end.is_some() {
-            return Err("--front-end: the wiring of the simulated bench is fixed; it goes with --stage".into());
+            return Err(
+                "--front-end: the wiring of the simulated bench is fixed; it goes with --stage"
+                    .into(),
+            );
         }
         Ok(options)
     }
@@ -91,25 +107,38 @@ impl Options {
 fn image(options: &Options) -> Result<PathBuf, String> {
     let path = match &options.image {
         Some(path) => path.clone(),
-        None => std::env::current_exe().map_err(|error| error.to_string())?.with_file_name("hysteron-firmware.elf"),
+        None => std::env::current_exe()
+            .map_err(|error| error.to_string())?
+            .with_file_name("hysteron-firmware.elf"),
     };
     if path.is_file() {
         Ok(path)
     } else {
-        Err(format!("{}: there is no image; `cargo xtask board` puts it there, or name one with --image", path.display()))
+        Err(format!(
+            "{}: there is no image; `cargo xtask board` puts it there, or name one with --image",
+            path.display()
+        ))
     }
 }
 
 /// What the flash holds, for an image of this sampling rate.
 fn block(options: &Options, rate_hz: u32) -> Result<Option<Vec<u8>>, String> {
     let path = match &options.block {
-        Block::Fitting => return Ok((options.stage.is_none() && read(BENCH_BLOCK, rate_hz).is_ok()).then(|| BENCH_BLOCK.to_vec())),
+        Block::Fitting => {
+            return Ok(
+                (options.stage.is_none() && read(BENCH_BLOCK, rate_hz).is_ok())
+                    .then(|| BENCH_BLOCK.to_vec()),
+            );
+        }
         Block::Empty => return Ok(None),
         Block::File(path) => path,
     };
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     read(&bytes, rate_hz).map_err(|error| match error {
-        BlockError::SampleRate(made_for_hz) => format!("{}: made for {made_for_hz} Hz; the image samples at {rate_hz} Hz", path.display()),
+        BlockError::SampleRate(made_for_hz) => format!(
+            "{}: made for {made_for_hz} Hz; the image samples at {rate_hz} Hz",
+            path.display()
+        ),
         _ => format!("{}: {}", path.display(), error.reason()),
     })?;
     Ok(Some(bytes))
@@ -122,17 +151,23 @@ fn text(path: &Path) -> Result<String, String> {
 /// What stands behind the converters, sampled at this rate.
 fn world(options: &Options, rate_hz: u32) -> Result<World, String> {
     let Some(stage) = &options.stage else {
-        let mut bench = Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;
+        let mut bench =
+            Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;
         bench.converters.sample_rate_hz = rate_hz.into();
         return Ok(World::new(&bench, Variant::FULL, SEED));
     };
-    let chain = model_file::from_toml(&text(stage)?, &stage.display().to_string()).map_err(|error| error.to_string())?;
+    let chain = model_file::from_toml(&text(stage)?, &stage.display().to_string())
+        .map_err(|error| error.to_string())?;
     let front_end = match &options.front_end {
-        Some(path) => FrontEnd::from_toml(&text(path)?, &path.display().to_string()).map_err(|error| error.to_string())?,
+        Some(path) => FrontEnd::from_toml(&text(path)?, &path.display().to_string())
+            .map_err(|error| error.to_string())?,
         None => FrontEnd::default(),
     };
     let scale = front_end.scale(chain.drive_min_v, chain.drive_max_v);
-    let (low_v, high_v) = (scale.drive_v(DriveCode::new(0)), scale.drive_v(DriveCode::highest(scale.dac_bits)));
+    let (low_v, high_v) = (
+        scale.drive_v(DriveCode::new(0)),
+        scale.drive_v(DriveCode::highest(scale.dac_bits)),
+    );
     if low_v > chain.drive_min_v || high_v < chain.drive_max_v {
         let stage_v = format!("{} to {} V", chain.drive_min_v, chain.drive_max_v);
         return Err(format!(
@@ -141,7 +176,12 @@ fn world(options: &Options, rate_hz: u32) -> Result<World, String> {
         ));
     }
     let period_s = 1.0 / f64::from(rate_hz);
-    let mut world = World::with(Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v, period_s)), scale, options.noise_um, SEED);
+    let mut world = World::with(
+        Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v, period_s)),
+        scale,
+        options.noise_um,
+        SEED,
+    );
     world.period_ns = (1e9 * period_s).round() as u64;
     Ok(world)
 }
@@ -162,8 +202,12 @@ mod tests {
 
     #[test]
     fn options_are_understood_or_the_word_is_named() {
-        let options = Options::read(&["--tcp", "127.0.0.1:0", "--image", "a.elf"]).expect("options");
-        assert_eq!((options.address.port(), options.image, options.block), (0, Some(PathBuf::from("a.elf")), Block::Fitting));
+        let options =
+            Options::read(&["--tcp", "127.0.0.1:0", "--image", "a.elf"]).expect("options");
+        assert_eq!(
+            (options.address.port(), options.image, options.block),
+            (0, Some(PathBuf::from("a.elf")), Block::Fitting)
+        );
         for (words, named) in [
             (&["--tcp"][..], "--tcp"),
             (&["--tcp", "here"], "here"),
@@ -171,18 +215,36 @@ mod tests {
             (&["--noise-nm", "-1"], "--noise-nm"),
             (&["--front-end", "a"], "--stage"),
         ] {
-            assert!(Options::read(words).expect_err("refused").contains(named), "{words:?}");
+            assert!(
+                Options::read(words).expect_err("refused").contains(named),
+                "{words:?}"
+            );
         }
     }
 
     #[test]
     fn a_block_that_is_none_is_refused_with_its_name() {
-        let options = Options::read(&["--block", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")]).expect("options");
-        assert!(block(&options, 20_000).expect_err("refused").contains("Cargo.toml"));
+        let options = Options::read(&[
+            "--block",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+        ])
+        .expect("options");
+        assert!(
+            block(&options, 20_000)
+                .expect_err("refused")
+                .contains("Cargo.toml")
+        );
         assert!(read(BENCH_BLOCK, 20_000).is_ok());
         let options = |words: &[&str]| Options::read(words).expect("options");
-        assert_eq!(block(&options(&["--stage", "a.toml"]), 20_000), Ok(None), "a block for another stage fits none");
+        assert_eq!(
+            block(&options(&["--stage", "a.toml"]), 20_000),
+            Ok(None),
+            "a block for another stage fits none"
+        );
         assert_eq!(block(&options(&["--empty"]), 20_000), Ok(None));
-        assert_eq!(block(&options(&[]), 20_000).map(|block| block.map(|block| block.len())), Ok(Some(BENCH_BLOCK.len())));
+        assert_eq!(
+            block(&options(&[]), 20_000).map(|block| block.map(|block| block.len())),
+            Ok(Some(BENCH_BLOCK.len()))
+        );
     }
 }

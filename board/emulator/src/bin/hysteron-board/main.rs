@@ -29,7 +29,9 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         [] => Err("expected `emulate`; `hysteron board --help` says more".into()),
-        [other, ..] => Err(format!("`{other}`: expected `emulate`; `hysteron board --help` says more")),
+        [other, ..] => Err(format!(
+            "`{other}`: expected `emulate`; `hysteron board --help` says more"
+        )),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -10,12 +10,17 @@ use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, O
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
 use hysteron_core::learned_feedforward::{
-    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
+    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS,
+    ROBUSTNESS_TAPS,
 };
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
+use hysteron_core::parameter_block::{
+    AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write,
+};
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::sensor_lag::SensorLag;
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use hysteron_core::servo_parameters::{
+    ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
+};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
@@ -29,8 +34,13 @@ pub fn image() -> PathBuf {
 
 /// An image where `cargo xtask check` builds it, or where whoever runs the test says (`cargo xtask mutate`).
 pub fn image_named(name: &str) -> PathBuf {
-    let built = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../firmware/target/thumbv7em-none-eabihf/release");
-    std::env::var_os("HYSTERON_IMAGES").map_or_else(built, PathBuf::from).join(name)
+    let built = || {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+            .join("../../firmware/target/thumbv7em-none-eabihf/release")
+    };
+    std::env::var_os("HYSTERON_IMAGES")
+        .map_or_else(built, PathBuf::from)
+        .join(name)
 }
 
 /// A servo for the reference bench that needs no identification: integral control through a mean gain, and
@@ -39,7 +49,10 @@ pub fn parameters() -> AmplifierParameters {
     let bench = Bench::reference().expect("the bench");
     let mut name = [0; 16];
     name[..4].copy_from_slice(b"p753");
-    let converters = ConverterParameters { slew_codes: 2340, ..bench.converter_scale().parameters() };
+    let converters = ConverterParameters {
+        slew_codes: 2340,
+        ..bench.converter_scale().parameters()
+    };
     AmplifierParameters {
         physical: PhysicalDescription {
             name,
@@ -52,13 +65,20 @@ pub fn parameters() -> AmplifierParameters {
         },
         servo: ServoParameters {
             converters,
-            actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
+            actuator: ActuatorParameters::Linear {
+                volts_per_micrometre: 7 << 20,
+                micrometres_per_volt: (1 << 28) / 7,
+            },
             law: LawParameters::Regulator(PidParameters {
-                proportional_derivative: Row { coefficients: [1 << 16, 0] },
+                proportional_derivative: Row {
+                    coefficients: [1 << 16, 0],
+                },
                 integral: 3 << 21,
                 feedforward: Row::default(),
                 creep: CreepInverseParameters::default(),
-                notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
+                notch: Row {
+                    coefficients: [1 << 28, 0, 0, 0, 0],
+                },
             }),
             delayed: true,
             sensor_lag: SensorLag::NONE,
@@ -91,9 +111,21 @@ pub const MODEL_HUNDREDTHS: i32 = 88;
 /// The best servo with a model whose gain is too small, and bounds that let it correct that in a second.
 pub fn wrong_gain(adaptation: bool) -> AmplifierParameters {
     let mut out = best_parameters();
-    let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut out.servo.actuator else { panic!("an inverted hysteresis") };
-    surfaces.g.iter_mut().flatten().chain(&mut surfaces.f).for_each(|c| *c = (i64::from(*c) * i64::from(MODEL_HUNDREDTHS) / 100) as i32);
-    let bounds = AdaptationParameters { most: MOST, most_step: LARGEST_STEP, error_limit: 1 << 23, least_motion: ONE / 50 };
+    let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut out.servo.actuator else {
+        panic!("an inverted hysteresis")
+    };
+    surfaces
+        .g
+        .iter_mut()
+        .flatten()
+        .chain(&mut surfaces.f)
+        .for_each(|c| *c = (i64::from(*c) * i64::from(MODEL_HUNDREDTHS) / 100) as i32);
+    let bounds = AdaptationParameters {
+        most: MOST,
+        most_step: LARGEST_STEP,
+        error_limit: 1 << 23,
+        least_motion: ONE / 50,
+    };
     assert!(bounds.accepted());
     out.servo.adaptation = adaptation.then_some(bounds);
     out
@@ -105,12 +137,19 @@ pub fn learning(parameters: AmplifierParameters) -> AmplifierParameters {
     let mut row = [0; LEARNING_TAPS];
     row[31] = 3 << (LEARNING_FRACTION_BITS - 2);
     // The same number on both sides: symmetric to the last bit.
-    let hann = |k: usize| (std::f64::consts::PI * k.min(ROBUSTNESS_TAPS - k) as f64 / ROBUSTNESS_TAPS as f64).sin().powi(2);
+    let hann = |k: usize| {
+        (std::f64::consts::PI * k.min(ROBUSTNESS_TAPS - k) as f64 / ROBUSTNESS_TAPS as f64)
+            .sin()
+            .powi(2)
+    };
     let sum: f64 = (0..ROBUSTNESS_TAPS).map(hann).sum();
-    let smooth = std::array::from_fn(|k| (hann(k) / sum * f64::from(1 << ROBUSTNESS_FRACTION_BITS)) as i32);
+    let smooth =
+        std::array::from_fn(|k| (hann(k) / sum * f64::from(1 << ROBUSTNESS_FRACTION_BITS)) as i32);
     let learning = LearningParameters {
         learning: Row { coefficients: row },
-        robustness: Row { coefficients: smooth },
+        robustness: Row {
+            coefficients: smooth,
+        },
         error_limit: 1 << 23,
         point_limit: 1 << 14,
         periods_per_halving: 4,
@@ -138,7 +177,9 @@ pub fn samples(outcome: &Outcome) -> (Vec<TraceSample>, u32) {
             .and_then(|rest| rest.strip_suffix(']'))
             .and_then(|list| list.split(", ").map(|byte| byte.parse().ok()).collect());
         // A block that a slow reader tore is found by its length and checksum, and is missing then.
-        let Some(Ok(block)) = bytes.as_deref().map(ReadBlock::read) else { continue };
+        let Some(Ok(block)) = bytes.as_deref().map(ReadBlock::read) else {
+            continue;
+        };
         lost = block.lost_ticks;
         samples.extend(block.samples());
     }
@@ -148,7 +189,10 @@ pub fn samples(outcome: &Outcome) -> (Vec<TraceSample>, u32) {
 /// Asserts that image and host agree in every sample from where the trace runs at full rate, tick 100.
 pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
     let ticks = host.len() as u32;
-    let full_rate: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < ticks).collect();
+    let full_rate: Vec<_> = target
+        .iter()
+        .filter(|sample| sample.tick >= 100 && sample.tick < ticks)
+        .collect();
     assert_eq!(full_rate.len(), (ticks - 100) as usize);
     for (ours, theirs) in full_rate.iter().zip(&host[100..]) {
         assert_eq!(**ours, *theirs);
@@ -156,12 +200,22 @@ pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
 }
 
 /// The same amplifier on the host, with commands at their ticks: what the target must have done, bit by bit.
-pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &[(u32, &str)], ticks: usize) -> Vec<TraceSample> {
+pub fn host_run(
+    parameters: &AmplifierParameters,
+    world: &mut World,
+    commands: &[(u32, &str)],
+    ticks: usize,
+) -> Vec<TraceSample> {
     host_run_of(Amplifier::new(*parameters), world, commands, ticks)
 }
 
 /// The same of an amplifier that was given something before.
-pub fn host_run_of(mut amplifier: Amplifier, world: &mut World, commands: &[(u32, &str)], ticks: usize) -> Vec<TraceSample> {
+pub fn host_run_of(
+    mut amplifier: Amplifier,
+    world: &mut World,
+    commands: &[(u32, &str)],
+    ticks: usize,
+) -> Vec<TraceSample> {
     let mut commands = commands.iter().peekable();
     (0..ticks)
         .map(|tick| {
@@ -169,7 +223,9 @@ pub fn host_run_of(mut amplifier: Amplifier, world: &mut World, commands: &[(u32
             // The interrupt takes at most one command in a tick.
             if let Some((_, text)) = commands.next_if(|(at, _)| *at as usize <= tick) {
                 let rate_hz = amplifier.parameters().physical.sample_rate_hz;
-                let Ok(hysteron_core::command_text::Line::Control(_, command)) = hysteron_core::command_text::parse(text, rate_hz) else {
+                let Ok(hysteron_core::command_text::Line::Control(_, command)) =
+                    hysteron_core::command_text::parse(text, rate_hz)
+                else {
                     panic!("{text}")
                 };
                 amplifier.command(command).expect("accepted");
@@ -195,9 +251,24 @@ impl<'a> SineRun<'a> {
     const ENABLE_TICK: u32 = 22_300;
 
     /// `reference` is the command for the sine.
-    pub fn new(bench: &'a Bench, parameters: &'a AmplifierParameters, reference: &'a str, ticks: u32) -> Self {
-        let commands = [(99, "arm untested"), (100, "condition"), (Self::ENABLE_TICK, reference), (Self::ENABLE_TICK + 1, "enable")];
-        Self { bench, parameters, commands, ticks }
+    pub fn new(
+        bench: &'a Bench,
+        parameters: &'a AmplifierParameters,
+        reference: &'a str,
+        ticks: u32,
+    ) -> Self {
+        let commands = [
+            (99, "arm untested"),
+            (100, "condition"),
+            (Self::ENABLE_TICK, reference),
+            (Self::ENABLE_TICK + 1, "enable"),
+        ];
+        Self {
+            bench,
+            parameters,
+            commands,
+            ticks,
+        }
     }
 
     /// The image with its block; what is typed on the serial port comes at the end. Largest values are
@@ -208,8 +279,14 @@ impl<'a> SineRun<'a> {
         let script = Script {
             block: Some(block(self.parameters)),
             commands: vec![
-                (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&self.commands)].concat()),
-                (u64::from(Self::ENABLE_TICK) * 50_000 + 20 * MILLISECOND, b"status\n".to_vec()),
+                (
+                    2 * MILLISECOND,
+                    [b"trace 31 1\n".to_vec(), lines(&self.commands)].concat(),
+                ),
+                (
+                    u64::from(Self::ENABLE_TICK) * 50_000 + 20 * MILLISECOND,
+                    b"status\n".to_vec(),
+                ),
                 (end, b"status\n".to_vec()),
             ],
             serial: vec![(end, typed.to_vec())],
@@ -222,20 +299,37 @@ impl<'a> SineRun<'a> {
 
     /// The host with the same commands, and perhaps another block.
     pub fn on_host(&self, parameters: &AmplifierParameters) -> Vec<TraceSample> {
-        host_run(parameters, &mut World::new(self.bench, Variant::FULL, 7), &self.commands, self.ticks as usize)
+        host_run(
+            parameters,
+            &mut World::new(self.bench, Variant::FULL, 7),
+            &self.commands,
+            self.ticks as usize,
+        )
     }
 
     /// That the image lost nothing and did what the host does, to the last bit; the host's samples.
     pub fn assert_equal(&self, outcome: &Outcome) -> Vec<TraceSample> {
         let (target, lost) = samples(outcome);
-        assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", outcome.messages);
+        assert_eq!(
+            (lost, outcome.malformed, outcome.resets),
+            (0, 0, 0),
+            "{:?}",
+            outcome.messages
+        );
         let host = self.on_host(self.parameters);
-        let target: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < self.ticks).collect();
+        let target: Vec<_> = target
+            .iter()
+            .filter(|sample| sample.tick >= 100 && sample.tick < self.ticks)
+            .collect();
         assert_eq!(target.len(), (self.ticks - 100) as usize);
         for (ours, theirs) in target.iter().zip(&host[100..]) {
             assert_eq!(**ours, *theirs);
         }
-        let status = outcome.texts_with("status").last().expect("a status").to_string();
+        let status = outcome
+            .texts_with("status")
+            .last()
+            .expect("a status")
+            .to_string();
         println!("{status}");
         assert!(status.contains("overruns: 0"), "{status}");
         host
@@ -251,5 +345,8 @@ impl<'a> SineRun<'a> {
 
 /// Commands as bytes for the target, all sent at once, each with its tick.
 pub fn lines(commands: &[(u32, &str)]) -> Vec<u8> {
-    commands.iter().flat_map(|(at, text)| format!("@{at} {text}\n").into_bytes()).collect()
+    commands
+        .iter()
+        .flat_map(|(at, text)| format!("@{at} {text}\n").into_bytes())
+        .collect()
 }

@@ -49,24 +49,44 @@ struct Density {
 
 impl From<Spectrum> for Density {
     fn from(spectrum: Spectrum) -> Self {
-        Self { frequency_hz: spectrum.frequency_hz, density_nm: spectrum.density.into_iter().map(|um| 1e3 * um).collect() }
+        Self {
+            frequency_hz: spectrum.frequency_hz,
+            density_nm: spectrum.density.into_iter().map(|um| 1e3 * um).collect(),
+        }
     }
 }
 
 fn rounded(values: &[f64]) -> Vec<f64> {
-    values.iter().map(|value| (value * DRAWN).round() / DRAWN).collect()
+    values
+        .iter()
+        .map(|value| (value * DRAWN).round() / DRAWN)
+        .collect()
 }
 
 impl ScopeBlock {
     /// As a page draws it.
     pub fn drawn(&self) -> Drawn {
-        let Capture { recorded, reference_um, ticks_per_sample, before, after } = &self.capture;
+        let Capture {
+            recorded,
+            reference_um,
+            ticks_per_sample,
+            before,
+            after,
+        } = &self.capture;
         let position_um = &recorded.position_um;
         // What is to be minus what is.
-        let error_um: Option<Vec<f64>> =
-            reference_um.as_ref().map(|reference| reference.iter().zip(position_um).map(|(r, y)| r - y).collect());
-        let rms = |error: &Vec<f64>| (error.iter().map(|e| e * e).sum::<f64>() / error.len().max(1) as f64).sqrt();
-        let density = |signal: &[f64]| Density::from(amplitude_density(signal, recorded.sample_rate_hz));
+        let error_um: Option<Vec<f64>> = reference_um.as_ref().map(|reference| {
+            reference
+                .iter()
+                .zip(position_um)
+                .map(|(r, y)| r - y)
+                .collect()
+        });
+        let rms = |error: &Vec<f64>| {
+            (error.iter().map(|e| e * e).sum::<f64>() / error.len().max(1) as f64).sqrt()
+        };
+        let density =
+            |signal: &[f64]| Density::from(amplitude_density(signal, recorded.sample_rate_hz));
         Drawn {
             number: self.number,
             sample_rate_hz: recorded.sample_rate_hz,
@@ -86,7 +106,13 @@ impl ScopeBlock {
 
     /// As a file that `hysteron explain` takes: what it is in comments, then columns with units.
     pub fn csv(&self, identification: &str, stage: &str) -> String {
-        let Capture { recorded, reference_um, ticks_per_sample, before, .. } = &self.capture;
+        let Capture {
+            recorded,
+            reference_um,
+            ticks_per_sample,
+            before,
+            ..
+        } = &self.capture;
         // A line that a stranger's board answered ends no comment.
         let one_line = |text: &str| text.replace(|letter: char| letter.is_control(), " ");
         format!(

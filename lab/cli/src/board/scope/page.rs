@@ -58,19 +58,35 @@ pub fn route(scope: &Scope, page: &str, request: &mut Request) -> Reply {
         (Method::Get, "/") => (200, PAGE, page.as_bytes().to_vec()),
         (Method::Get, "/state") => state(scope, number("since").unwrap_or(0)),
         (Method::Get, "/save") => found(scope, number("block"), |seen, block| {
-            let stage = seen.condition.as_ref().map_or("unknown", |condition| condition.stage.as_str());
-            (200, "text/csv; charset=utf-8", block.csv(&seen.identification, stage).into_bytes())
+            let stage = seen
+                .condition
+                .as_ref()
+                .map_or("unknown", |condition| condition.stage.as_str());
+            (
+                200,
+                "text/csv; charset=utf-8",
+                block.csv(&seen.identification, stage).into_bytes(),
+            )
         }),
         (Method::Post, "/hold") => found(scope, number("block"), hold),
-        (Method::Post, "/window") => match number("window").map(|nth| nth as usize).filter(|nth| *nth < WINDOWS.len()) {
+        (Method::Post, "/window") => match number("window")
+            .map(|nth| nth as usize)
+            .filter(|nth| *nth < WINDOWS.len())
+        {
             Some(window) => {
                 scope.seen().window = window;
                 (200, JSON, b"{}".to_vec())
             }
-            None => (400, TEXT, format!("expected window=0 to {}\n", WINDOWS.len() - 1).into_bytes()),
+            None => (
+                400,
+                TEXT,
+                format!("expected window=0 to {}\n", WINDOWS.len() - 1).into_bytes(),
+            ),
         },
         (Method::Post, "/stop") => stop(scope),
-        (_, "/" | "/state" | "/save" | "/hold" | "/window" | "/stop") => (405, TEXT, b"not by this method\n".to_vec()),
+        (_, "/" | "/state" | "/save" | "/hold" | "/window" | "/stop") => {
+            (405, TEXT, b"not by this method\n".to_vec())
+        }
         _ => (404, TEXT, b"there is nothing here\n".to_vec()),
     }
 }
@@ -86,14 +102,27 @@ fn stop(scope: &Scope) -> Reply {
     };
     match sent {
         Ok(()) => (200, JSON, b"{}".to_vec()),
-        Err(problem) => (503, TEXT, format!("STOP was not sent: {problem}. Use the emergency stop.\n").into_bytes()),
+        Err(problem) => (
+            503,
+            TEXT,
+            format!("STOP was not sent: {problem}. Use the emergency stop.\n").into_bytes(),
+        ),
     }
 }
 
 /// Answers with a block that is still kept.
-fn found(scope: &Scope, number: Option<u64>, answer: impl FnOnce(&mut Seen, &Arc<ScopeBlock>) -> Reply) -> Reply {
+fn found(
+    scope: &Scope,
+    number: Option<u64>,
+    answer: impl FnOnce(&mut Seen, &Arc<ScopeBlock>) -> Reply,
+) -> Reply {
     let mut seen = scope.seen();
-    let block = seen.newest.iter().chain(&seen.held).find(|block| Some(block.number) == number).cloned();
+    let block = seen
+        .newest
+        .iter()
+        .chain(&seen.held)
+        .find(|block| Some(block.number) == number)
+        .cloned();
     match block {
         Some(block) => answer(&mut seen, &block),
         None => (404, TEXT, b"this block has left the memory; expected block=NUMBER of one that was shown a moment ago\n".to_vec()),
@@ -115,7 +144,10 @@ fn state(scope: &Scope, since: u64) -> Reply {
     let now_s = scope.seconds();
     // Spectra are made while nobody waits for the lock.
     let newest = scope.seen().newest.back().cloned();
-    let block = newest.as_ref().filter(|block| block.number > since).map(|block| block.drawn());
+    let block = newest
+        .as_ref()
+        .filter(|block| block.number > since)
+        .map(|block| block.drawn());
     let seen = scope.seen();
     let board = seen.condition.as_ref().map(|condition| BoardState {
         stage: &condition.stage,
@@ -128,8 +160,16 @@ fn state(scope: &Scope, since: u64) -> Reply {
     });
     let live = Live {
         time_s: seen.glances.iter().map(|(at_s, _)| *at_s).collect(),
-        position_um: seen.glances.iter().map(|(_, glance)| glance.position_um).collect(),
-        drive_v: seen.glances.iter().map(|(_, glance)| glance.drive_v).collect(),
+        position_um: seen
+            .glances
+            .iter()
+            .map(|(_, glance)| glance.position_um)
+            .collect(),
+        drive_v: seen
+            .glances
+            .iter()
+            .map(|(_, glance)| glance.drive_v)
+            .collect(),
         target_um: seen.glances.back().and_then(|(_, glance)| glance.target_um),
     };
     let state = State {
@@ -140,7 +180,10 @@ fn state(scope: &Scope, since: u64) -> Reply {
         identification: &seen.identification,
         board,
         live,
-        windows: WINDOWS.iter().map(|window| window_name(window.ticks_per_sample, window.samples, seen.sample_rate_hz)).collect(),
+        windows: WINDOWS
+            .iter()
+            .map(|window| window_name(window.ticks_per_sample, window.samples, seen.sample_rate_hz))
+            .collect(),
         window: seen.window,
         block,
         block_age_s: newest.map(|block| now_s - block.at_s),
@@ -152,9 +195,16 @@ fn state(scope: &Scope, since: u64) -> Reply {
 }
 
 fn window_name(ticks_per_sample: u32, samples: usize, tick_rate_hz: Option<f64>) -> String {
-    let every = if ticks_per_sample == 1 { "every tick".to_owned() } else { format!("every {ticks_per_sample}th tick") };
+    let every = if ticks_per_sample == 1 {
+        "every tick".to_owned()
+    } else {
+        format!("every {ticks_per_sample}th tick")
+    };
     match tick_rate_hz {
-        Some(rate_hz) => format!("{:.3} s: {samples} samples, {every}", samples as f64 * f64::from(ticks_per_sample) / rate_hz),
+        Some(rate_hz) => format!(
+            "{:.3} s: {samples} samples, {every}",
+            samples as f64 * f64::from(ticks_per_sample) / rate_hz
+        ),
         None => format!("{samples} samples, {every}"),
     }
 }

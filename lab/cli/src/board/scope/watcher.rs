@@ -21,8 +21,15 @@ const BETWEEN_GLANCES: Duration = Duration::from_millis(150);
 pub fn watch(scope: &Scope, address: &Address, baud: Option<u32>) {
     let mut said = String::new();
     while !scope.has_ended() {
-        let Err(problem) = Board::connect(address, baud).and_then(|mut board| follow(scope, &mut board, &mut said)) else { continue };
-        say_once(&mut said, format!("{problem}; it is asked again until it answers"));
+        let Err(problem) = Board::connect(address, baud)
+            .and_then(|mut board| follow(scope, &mut board, &mut said))
+        else {
+            continue;
+        };
+        say_once(
+            &mut said,
+            format!("{problem}; it is asked again until it answers"),
+        );
         lose(&mut scope.seen(), &problem);
         std::thread::sleep(BETWEEN_ATTEMPTS);
     }
@@ -87,11 +94,19 @@ fn follow(scope: &Scope, board: &mut Board, said: &mut String) -> Result<()> {
 
 /// Catches one block and leaves it for the pages. None where a stop came between the `stops` that
 /// were answered and the recorder's start: what it holds then is an older block.
-fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u32) -> Result<Option<Capture>> {
+fn take_block(
+    scope: &Scope,
+    board: &mut Board,
+    last: Option<&Capture>,
+    stops: u32,
+) -> Result<Option<Capture>> {
     let mut started_without_stop = None;
     // A conditioning moves the zero.
     let scale = Scale::ask(board)?;
-    let window = WINDOWS.get(scope.seen().window).copied().unwrap_or(WINDOWS[super::FIRST_WINDOW]);
+    let window = WINDOWS
+        .get(scope.seen().window)
+        .copied()
+        .unwrap_or(WINDOWS[super::FIRST_WINDOW]);
     let mut looked = Instant::now();
     let mut between = |board: &mut Board| {
         started_without_stop.get_or_insert(scope.stops() == stops);
@@ -102,7 +117,13 @@ fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u
         Ok(())
     };
     let samples = window.samples.min(scale.most_samples);
-    let capture = capture(board, &scale, window.ticks_per_sample, samples, &mut between)?;
+    let capture = capture(
+        board,
+        &scale,
+        window.ticks_per_sample,
+        samples,
+        &mut between,
+    )?;
     if started_without_stop != Some(true) {
         return Ok(None);
     }
@@ -126,7 +147,8 @@ fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u
 /// Ticks between the end of a block and the beginning of the next; none where the board was restarted in
 /// between.
 fn unseen_ticks(last: &Capture, this: &Capture) -> Option<f64> {
-    let end = last.before.tick + f64::from(last.ticks_per_sample) * last.recorded.position_um.len() as f64;
+    let end = last.before.tick
+        + f64::from(last.ticks_per_sample) * last.recorded.position_um.len() as f64;
     let unseen = this.before.tick - end;
     (unseen >= 0.0).then_some(unseen)
 }

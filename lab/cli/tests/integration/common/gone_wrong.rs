@@ -21,7 +21,12 @@ pub enum Wrong {
 }
 
 /// All of them.
-pub const CASES: [Wrong; 4] = [Wrong::Disconnected, Wrong::OtherTiming, Wrong::Clipped, Wrong::InitialState];
+pub const CASES: [Wrong; 4] = [
+    Wrong::Disconnected,
+    Wrong::OtherTiming,
+    Wrong::Clipped,
+    Wrong::InitialState,
+];
 
 impl Wrong {
     /// The name of its folder.
@@ -36,15 +41,26 @@ impl Wrong {
 
     /// What a search starts from.
     pub fn base(self) -> &'static str {
-        if self == Self::InitialState { "gain,creep" } else { "gain" }
+        if self == Self::InitialState {
+            "gain,creep"
+        } else {
+            "gain"
+        }
     }
 
     /// Writes the data set and, beside its folder, a truth for `score`. The folder of the data set.
     pub fn write(self, folder: &Path) -> std::io::Result<PathBuf> {
         let data = folder.join(self.name()).join("recorded");
         recorded(&data, self)?;
-        let base: Vec<String> = self.base().split(',').map(|id| format!("\"{id}\"")).collect();
-        let truth = format!("[{{\"name\":\"recorded\",\"hidden\":null,\"base\":[{}],\"noise_um\":{NOISE_UM}}}]", base.join(","));
+        let base: Vec<String> = self
+            .base()
+            .split(',')
+            .map(|id| format!("\"{id}\""))
+            .collect();
+        let truth = format!(
+            "[{{\"name\":\"recorded\",\"hidden\":null,\"base\":[{}],\"noise_um\":{NOISE_UM}}}]",
+            base.join(",")
+        );
         std::fs::write(folder.join(self.name()).join("truth.json"), truth)?;
         Ok(data)
     }
@@ -55,16 +71,36 @@ impl Wrong {
 fn recorded(into: &Path, wrong: Wrong) -> std::io::Result<()> {
     std::fs::create_dir_all(into)?;
     let wave = |k: usize, fast: f64| {
-        let sines: f64 = (1..=12).map(|i| 0.4 * (TAU * fast * f64::from(5 * i * i) * k as f64 / RATE_HZ + f64::from(i * i)).sin()).sum();
+        let sines: f64 = (1..=12)
+            .map(|i| {
+                0.4 * (TAU * fast * f64::from(5 * i * i) * k as f64 / RATE_HZ + f64::from(i * i))
+                    .sin()
+            })
+            .sum();
         (5.0 + sines).clamp(0.0, 10.0)
     };
     let steps = |k: usize| 1.0 + 2.0 * ((k / 800) * 7 % 5) as f64;
-    let smooth = |k: usize, fast: f64| 5.0 - 2.5 * (k as f64 * 0.02 * fast).cos() - 1.5 * (k as f64 * 0.11 * fast).sin();
-    let timing = if wrong == Wrong::OtherTiming { "" } else { "timing = \"hold_after_sample\"\n" };
-    let state = if wrong == Wrong::InitialState { "virgin" } else { "unknown" };
-    let mut manifest = format!("name = \"recorded\"\ndrive_min_v = 0.0\ndrive_max_v = 10.0\n{timing}");
+    let smooth = |k: usize, fast: f64| {
+        5.0 - 2.5 * (k as f64 * 0.02 * fast).cos() - 1.5 * (k as f64 * 0.11 * fast).sin()
+    };
+    let timing = if wrong == Wrong::OtherTiming {
+        ""
+    } else {
+        "timing = \"hold_after_sample\"\n"
+    };
+    let state = if wrong == Wrong::InitialState {
+        "virgin"
+    } else {
+        "unknown"
+    };
+    let mut manifest =
+        format!("name = \"recorded\"\ndrive_min_v = 0.0\ndrive_max_v = 10.0\n{timing}");
     let mut random = 7_u64;
-    for (name, role) in [("fitted", "identify"), ("held_out", "validate"), ("rest", "noise")] {
+    for (name, role) in [
+        ("fitted", "identify"),
+        ("held_out", "validate"),
+        ("rest", "noise"),
+    ] {
         let drive_v: Vec<f64> = (0..SAMPLES)
             .map(|k| match (role, wrong) {
                 ("noise", _) => 0.0,
@@ -75,7 +111,11 @@ fn recorded(into: &Path, wrong: Wrong) -> std::io::Result<()> {
             .collect();
         let mut readings = read(&drive_v, wrong);
         // A record declared to begin virgin loses its beginning.
-        let from = if wrong == Wrong::InitialState && role == "identify" { 1000 } else { 0 };
+        let from = if wrong == Wrong::InitialState && role == "identify" {
+            1000
+        } else {
+            0
+        };
         readings.iter_mut().for_each(|y| {
             if wrong == Wrong::Disconnected && role != "noise" {
                 *y = 0.0;
@@ -88,7 +128,13 @@ fn recorded(into: &Path, wrong: Wrong) -> std::io::Result<()> {
         });
         let mut text = String::from("t_s,u_v,y_um\n");
         for k in from..SAMPLES {
-            let _ = writeln!(text, "{:.4},{:.6},{:.6}", (k - from) as f64 / RATE_HZ, drive_v[k], readings[k]);
+            let _ = writeln!(
+                text,
+                "{:.4},{:.6},{:.6}",
+                (k - from) as f64 / RATE_HZ,
+                drive_v[k],
+                readings[k]
+            );
         }
         std::fs::write(into.join(format!("{name}.csv")), text)?;
         let _ = write!(
@@ -141,6 +187,8 @@ fn read(drive_v: &[f64], wrong: Wrong) -> Vec<f64> {
 /// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear
 /// congruence).
 fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    *state = state
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
     (*state >> 11) as f64 / (1_u64 << 53) as f64
 }

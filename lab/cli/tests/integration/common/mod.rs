@@ -10,13 +10,21 @@ use std::process::{Command, Output};
 
 /// Runs the program in a folder.
 pub fn hysteron(arguments: &[&str], folder: &Path) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_hysteron")).args(arguments).current_dir(folder).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_hysteron"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
 }
 
 /// Presses Ctrl-C, as the terminal would; whether the program was still there.
 #[cfg(unix)]
 pub fn interrupted(program: &std::process::Child) -> bool {
-    Command::new("sh").args(["-c", &format!("kill -INT {}", program.id())]).status().unwrap().success()
+    Command::new("sh")
+        .args(["-c", &format!("kill -INT {}", program.id())])
+        .status()
+        .unwrap()
+        .success()
 }
 
 /// One record, to be fitted.
@@ -37,8 +45,15 @@ pub fn folder_with_model() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
     std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
-    let output = hysteron(&["identify", ".", "--effects", "gain", "--out", "m.toml"], folder.path());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = hysteron(
+        &["identify", ".", "--effects", "gain", "--out", "m.toml"],
+        folder.path(),
+    );
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     folder
 }
 
@@ -47,7 +62,10 @@ pub fn says(arguments: &[&str], folder: &Path, expected: &str) {
     let output = hysteron(arguments, folder);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-    assert!(said.contains(expected), "{arguments:?}: expected `{expected}` in: {said}");
+    assert!(
+        said.contains(expected),
+        "{arguments:?}: expected `{expected}` in: {said}"
+    );
 }
 
 /// A folder with two records that a search has something to find in: a first-order lag behind a line, with a
@@ -61,7 +79,11 @@ pub fn folder_to_search() -> tempfile::TempDir {
         for k in 0..4000_u32 {
             let u = 5.0 - 5.0 * (f64::from(k) * step).cos();
             let noise = 1e-3 * (f64::from(k) * 12.9898).sin() * (f64::from(k) * 78.233).cos();
-            text.push_str(&format!("{:.3},{u:.5},{:.5}\n", f64::from(k) * 1e-3, y + noise));
+            text.push_str(&format!(
+                "{:.3},{u:.5},{:.5}\n",
+                f64::from(k) * 1e-3,
+                y + noise
+            ));
             y += 0.4 * (0.1 * u - y);
         }
         std::fs::write(folder.path().join(format!("{name}.csv")), text).unwrap();

@@ -35,28 +35,62 @@ impl Served {
 
     fn started_with(arguments: &[&str], folder: &Path, troubles: Stdio) -> Self {
         let mut program = Command::new(env!("CARGO_BIN_EXE_hysteron"));
-        let mut program = program.args(arguments).current_dir(folder).stdout(Stdio::piped()).stderr(troubles).spawn().unwrap();
+        let mut program = program
+            .args(arguments)
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .stderr(troubles)
+            .spawn()
+            .unwrap();
         let mut said = BufReader::new(program.stdout.take().unwrap());
         let mut address = String::new();
         said.read_line(&mut address).unwrap();
-        let (host, token) = address.trim().strip_prefix("http://").and_then(|rest| rest.split_once("/?token=")).expect("an address");
+        let (host, token) = address
+            .trim()
+            .strip_prefix("http://")
+            .and_then(|rest| rest.split_once("/?token="))
+            .expect("an address");
         let (host, token) = (host.to_owned(), token.to_owned());
-        Self { program, said, host, token }
+        Self {
+            program,
+            said,
+            host,
+            token,
+        }
     }
 
     /// The status of an answer and its text. Without a header of its own a request names the right host.
-    pub fn asked(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> (u16, String) {
+    pub fn asked(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &[u8],
+    ) -> (u16, String) {
         let mut stream = TcpStream::connect(&self.host).unwrap();
-        let mut head = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+        let mut head = format!(
+            "{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n",
+            body.len()
+        );
         if !headers.iter().any(|(name, _)| *name == "Host") {
             head.push_str(&format!("Host: {}\r\n", self.host));
         }
-        headers.iter().for_each(|(name, value)| head.push_str(&format!("{name}: {value}\r\n")));
-        stream.write_all(&[head.as_bytes(), b"\r\n", body].concat()).unwrap();
+        headers
+            .iter()
+            .for_each(|(name, value)| head.push_str(&format!("{name}: {value}\r\n")));
+        stream
+            .write_all(&[head.as_bytes(), b"\r\n", body].concat())
+            .unwrap();
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).unwrap();
         let text = String::from_utf8_lossy(&answer).into_owned();
-        (text.split(' ').nth(1).and_then(|status| status.parse().ok()).expect("a status"), text)
+        (
+            text.split(' ')
+                .nth(1)
+                .and_then(|status| status.parse().ok())
+                .expect("a status"),
+            text,
+        )
     }
 
     /// A path with the token and the name of a page.
@@ -69,7 +103,10 @@ impl Served {
 /// length (RFC 9112, 7.1).
 pub fn body(answer: &str) -> String {
     let (headers, mut rest) = answer.split_once("\r\n\r\n").expect("headers");
-    if !headers.to_ascii_lowercase().contains("transfer-encoding: chunked") {
+    if !headers
+        .to_ascii_lowercase()
+        .contains("transfer-encoding: chunked")
+    {
         return rest.to_owned();
     }
     let mut whole = String::new();

@@ -15,7 +15,12 @@ pub struct Bytes<'a> {
 impl<'a> Bytes<'a> {
     /// At the first byte.
     pub fn new(place: &'a str, all: &'a [u8], big_endian: bool) -> Self {
-        Self { place, all, at: 0, big_endian }
+        Self {
+            place,
+            all,
+            at: 0,
+            big_endian,
+        }
     }
 
     /// The same bytes in the other order.
@@ -46,7 +51,10 @@ impl<'a> Bytes<'a> {
     /// The next bytes; the error names them by `what` where the file ends before them.
     pub fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8]> {
         if count > self.left() {
-            return self.wrong(format!("{what} of {count} bytes, but the file ends after {}; is it cut off?", self.left()));
+            return self.wrong(format!(
+                "{what} of {count} bytes, but the file ends after {}; is it cut off?",
+                self.left()
+            ));
         }
         let taken = &self.all[self.at..self.at + count];
         self.at += count;
@@ -124,6 +132,9 @@ impl FileKind {
 
     /// All numbers of some bytes.
     pub fn numbers(self, bytes: &[u8], big_endian: bool) -> Vec<f64> {
-        bytes.chunks_exact(self.size()).map(|one| self.number(one, big_endian)).collect()
+        bytes
+            .chunks_exact(self.size())
+            .map(|one| self.number(one, big_endian))
+            .collect()
     }
 }

@@ -35,42 +35,87 @@ struct Form {
 /// the column.
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     let (text, assumed) = decode(place, bytes, super::FORMATS)?;
-    let lines: Vec<HeaderLine> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
-    let mut filled: Vec<HeaderLine> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
+    let lines: Vec<HeaderLine> = text
+        .lines()
+        .enumerate()
+        .map(|(i, line)| (i + 1, line))
+        .skip(hints.skip_rows)
+        .collect();
+    let mut filled: Vec<HeaderLine> = lines
+        .iter()
+        .copied()
+        .filter(|(_, line)| !line.trim().is_empty())
+        .collect();
     if filled.is_empty() {
         let all = text.lines().count();
         return Err(Error::new(
             place,
             match hints.skip_rows {
                 0 => "is empty; expected rows of numbers".to_owned(),
-                skipped => format!("has {all} lines, of which the first {skipped} are to be skipped; expected rows of numbers behind them"),
+                skipped => format!(
+                    "has {all} lines, of which the first {skipped} are to be skipped; expected rows of numbers behind them"
+                ),
             },
         ));
     }
     let form = Form::of(&filled).ok_or_else(|| {
         let (line, text) = filled[filled.len() - 1];
         let shown: String = text.chars().take(40).collect();
-        Error::new(place, format!("has no rows of numbers (row {line}: \"{shown}\"); expected columns of numbers"))
+        Error::new(
+            place,
+            format!(
+                "has no rows of numbers (row {line}: \"{shown}\"); expected columns of numbers"
+            ),
+        )
     })?;
-    let cut = if text.ends_with(['\n', '\r']) { None } else { form.cut_off(&filled) };
+    let cut = if text.ends_with(['\n', '\r']) {
+        None
+    } else {
+        form.cut_off(&filled)
+    };
     if cut.is_some() {
         filled.pop();
     }
     // LabVIEW says where its headers end, and has numbers in them.
-    let header_end = filled.iter().rposition(|(_, line)| line.starts_with("***End_of_Header***")).map_or(0, |at| at + 1);
-    let first = filled[header_end..].iter().position(|(_, line)| form.is_row(line)).map_or(filled.len(), |at| at + header_end);
-    form.refuse_other_notation(place, &filled[header_end.min(first)..first], filled.get(first).copied())?;
-    let header = header::read(place, &filled[..first], form.separator, form.width, &form.numbers)?;
+    let header_end = filled
+        .iter()
+        .rposition(|(_, line)| line.starts_with("***End_of_Header***"))
+        .map_or(0, |at| at + 1);
+    let first = filled[header_end..]
+        .iter()
+        .position(|(_, line)| form.is_row(line))
+        .map_or(filled.len(), |at| at + header_end);
+    form.refuse_other_notation(
+        place,
+        &filled[header_end.min(first)..first],
+        filled.get(first).copied(),
+    )?;
+    let header = header::read(
+        place,
+        &filled[..first],
+        form.separator,
+        form.width,
+        &form.numbers,
+    )?;
     let mut table = rows(place, &filled[first..], &form, &header)?;
     table.notes.extend(assumed);
-    table.notes.extend(cut.map(|line| format!("row {line} is the last and has no line end: it may be cut off, and is left aside")));
+    table.notes.extend(cut.map(|line| {
+        format!("row {line} is the last and has no line end: it may be cut off, and is left aside")
+    }));
     table.notes.extend(form.texts.iter().map(|&c| {
-        let name = header.names.get(c).filter(|n| !n.is_empty()).map_or_else(String::new, |n| format!(" `{n}`"));
+        let name = header
+            .names
+            .get(c)
+            .filter(|n| !n.is_empty())
+            .map_or_else(String::new, |n| format!(" `{n}`"));
         format!("column {}{name} holds no numbers and is left aside", c + 1)
     }));
     table.sample_rate_hz = header.step_s.map(|step_s| 1.0 / step_s);
     if let (Some((start_s, step_s)), Some(count)) = (header.count, table.columns.first_mut()) {
-        count.values.iter_mut().for_each(|v| *v = start_s + *v * step_s);
+        count
+            .values
+            .iter_mut()
+            .for_each(|v| *v = start_s + *v * step_s);
         (count.name, count.unit) = ("time".into(), Some("s".into()));
     }
     table.finite()
@@ -80,18 +125,32 @@ impl Form {
     /// The form of most of the rows in the last three quarters.
     fn of(lines: &[HeaderLine]) -> Option<Self> {
         let late = &lines[lines.len() / 4..];
-        let sample: Vec<&str> = (0..late.len().min(SAMPLE)).map(|i| late[i * late.len() / late.len().min(SAMPLE)].1).collect();
+        let sample: Vec<&str> = (0..late.len().min(SAMPLE))
+            .map(|i| late[i * late.len() / late.len().min(SAMPLE)].1)
+            .collect();
         let separator = separator_of(&sample);
         let rows: Vec<Vec<&str>> = sample.iter().map(|line| separator.cells(line)).collect();
         let widths: Vec<usize> = rows.iter().map(Vec::len).collect();
         let as_wide = |width: usize| widths.iter().filter(|w| **w == width).count();
         let width = widths.iter().copied().max_by_key(|w| (as_wide(*w), *w))?;
         let share = |what: &dyn Fn(&str) -> bool, c: usize| {
-            rows.iter().filter(|row| row.get(c).is_some_and(|cell| what(cell))).count() as f64 / rows.len() as f64
+            rows.iter()
+                .filter(|row| row.get(c).is_some_and(|cell| what(cell)))
+                .count() as f64
+                / rows.len() as f64
         };
-        let numbers: Vec<usize> = (0..width).filter(|&c| share(&|cell| number(cell, separator).is_some(), c) >= NUMBERS_MIN).collect();
-        let texts = (0..width).filter(|c| !numbers.contains(c) && share(&|cell| !cell.is_empty(), *c) >= 0.5).collect();
-        (!numbers.is_empty()).then_some(Self { separator, width, numbers, texts })
+        let numbers: Vec<usize> = (0..width)
+            .filter(|&c| share(&|cell| number(cell, separator).is_some(), c) >= NUMBERS_MIN)
+            .collect();
+        let texts = (0..width)
+            .filter(|c| !numbers.contains(c) && share(&|cell| !cell.is_empty(), *c) >= 0.5)
+            .collect();
+        (!numbers.is_empty()).then_some(Self {
+            separator,
+            width,
+            numbers,
+            texts,
+        })
     }
 
     /// The last row of a text that ends without a line end, where it has too few cells, or its last number
@@ -103,28 +162,63 @@ impl Form {
         let needed = self.numbers.last().map_or(0, |last| last + 1);
         if cells.len() < needed {
             // Words that somebody wrote below the numbers are no row.
-            let begins_a_number =
-                |cell: &str| cell.is_empty() || cell.trim_start_matches('"').starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
-            return cells.iter().enumerate().all(|(c, cell)| !self.numbers.contains(&c) || begins_a_number(cell)).then_some(*line);
+            let begins_a_number = |cell: &str| {
+                cell.is_empty()
+                    || cell
+                        .trim_start_matches('"')
+                        .starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+            };
+            return cells
+                .iter()
+                .enumerate()
+                .all(|(c, cell)| !self.numbers.contains(&c) || begins_a_number(cell))
+                .then_some(*line);
         }
-        let length = |line: &str| self.separator.cells(line).get(self.width - 1).map(|cell| cell.len());
-        let longest = before.iter().rev().take(SAMPLE).filter_map(|(_, line)| length(line)).max()?;
+        let length = |line: &str| {
+            self.separator
+                .cells(line)
+                .get(self.width - 1)
+                .map(|cell| cell.len())
+        };
+        let longest = before
+            .iter()
+            .rev()
+            .take(SAMPLE)
+            .filter_map(|(_, line)| length(line))
+            .max()?;
         (self.numbers.last() == Some(&(self.width - 1)) && length(last)? < longest).then_some(*line)
     }
 
     /// Rows that are written in another way than the rest stand in front of it like a header, and would be
     /// lost with it.
-    fn refuse_other_notation(&self, place: &str, above: &[HeaderLine], first_row: Option<HeaderLine>) -> Result<()> {
+    fn refuse_other_notation(
+        &self,
+        place: &str,
+        above: &[HeaderLine],
+        first_row: Option<HeaderLine>,
+    ) -> Result<()> {
         let numbers_in = |text: &str| {
             let separator = separator_of(&[text]);
             let cells = separator.cells(text);
             let filled = cells.iter().filter(|cell| !cell.is_empty());
-            if filled.clone().all(|cell| number(cell, separator).is_some()) { filled.count() } else { 0 }
+            if filled.clone().all(|cell| number(cell, separator).is_some()) {
+                filled.count()
+            } else {
+                0
+            }
         };
-        let of_numbers: Vec<HeaderLine> = above.iter().copied().filter(|(_, text)| numbers_in(text) >= 2).collect();
-        let is_row = of_numbers.last().is_some_and(|(_, text)| numbers_in(text) == self.numbers.len() && self.numbers.len() > 1);
+        let of_numbers: Vec<HeaderLine> = above
+            .iter()
+            .copied()
+            .filter(|(_, text)| numbers_in(text) >= 2)
+            .collect();
+        let is_row = of_numbers.last().is_some_and(|(_, text)| {
+            numbers_in(text) == self.numbers.len() && self.numbers.len() > 1
+        });
         match (of_numbers.first(), first_row) {
-            (Some((line, text)), Some((row, other))) if is_row || of_numbers.len() >= NUMBERS_ABOVE_MAX => {
+            (Some((line, text)), Some((row, other)))
+                if is_row || of_numbers.len() >= NUMBERS_ABOVE_MAX =>
+            {
                 let shown = |text: &str| text.chars().take(40).collect::<String>();
                 Err(Error::new(
                     place,
@@ -143,13 +237,24 @@ impl Form {
 
     fn is_row(&self, line: &str) -> bool {
         let cells = self.separator.cells(line);
-        self.numbers.iter().all(|&c| cells.get(c).is_some_and(|cell| number(cell, self.separator).is_some()))
+        self.numbers.iter().all(|&c| {
+            cells
+                .get(c)
+                .is_some_and(|cell| number(cell, self.separator).is_some())
+        })
     }
 }
 
 fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Result<Table> {
-    let mut table = Table { place: place.to_owned(), ..Table::default() };
-    table.columns = form.numbers.iter().map(|&c| column(c, header, lines.len())).collect();
+    let mut table = Table {
+        place: place.to_owned(),
+        ..Table::default()
+    };
+    table.columns = form
+        .numbers
+        .iter()
+        .map(|&c| column(c, header, lines.len()))
+        .collect();
     // Where a column ended before the others.
     let mut ended: Vec<Option<usize>> = vec![None; form.numbers.len()];
     let (mut with_point, mut with_comma) = (None, None);
@@ -165,7 +270,11 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
         }
         let needed = form.numbers.last().map_or(0, |last| last + 1);
         if cells.len() < needed || cells.iter().skip(form.width).any(|cell| !cell.is_empty()) {
-            return wrong(format!(": {} cells; expected {} as in the other rows", cells.len(), form.width));
+            return wrong(format!(
+                ": {} cells; expected {} as in the other rows",
+                cells.len(),
+                form.width
+            ));
         }
         for (i, &c) in form.numbers.iter().enumerate() {
             let (cell, column) = (cells[c], &mut table.columns[i]);
@@ -174,13 +283,22 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
                 continue;
             }
             if let Some(blank) = ended[i] {
-                return Err(Error::new(place, format!("row {blank}, {} is blank; expected a number", column.called())));
+                return Err(Error::new(
+                    place,
+                    format!(
+                        "row {blank}, {} is blank; expected a number",
+                        column.called()
+                    ),
+                ));
             }
             let Some(value) = number(cell, form.separator) else {
                 return wrong(format!(", {}: \"{cell}\" is not a number", column.called()));
             };
             if !value.is_finite() {
-                return wrong(format!(", {}: {cell}; expected a finite number", column.called()));
+                return wrong(format!(
+                    ", {}: {cell}; expected a finite number",
+                    column.called()
+                ));
             }
             if cell.contains('.') {
                 with_point.get_or_insert(line);
@@ -190,8 +308,15 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
             column.values.push(value);
         }
         if let (Some(point), Some(comma)) = (with_point, with_comma) {
-            let (first, other) = if point < comma { ("point", "comma") } else { ("comma", "point") };
-            return wrong(format!(": a decimal {other}, but row {} has a decimal {first}; expected one of them", point.min(comma)));
+            let (first, other) = if point < comma {
+                ("point", "comma")
+            } else {
+                ("comma", "point")
+            };
+            return wrong(format!(
+                ": a decimal {other}, but row {} has a decimal {first}; expected one of them",
+                point.min(comma)
+            ));
         }
         if table.line_of(row) != line {
             table.lines.push((row, line));
@@ -199,7 +324,10 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
         row += 1;
     }
     if with_comma.is_some() {
-        table.notes.push(format!("{} between columns, commas as decimal sign", form.separator.name()));
+        table.notes.push(format!(
+            "{} between columns, commas as decimal sign",
+            form.separator.name()
+        ));
     }
     Ok(table)
 }

@@ -25,7 +25,9 @@ impl Separator {
     pub fn cells(self, line: &str) -> Vec<&str> {
         match self {
             Self::Spaces => line.split_whitespace().map(unquoted).collect(),
-            Self::Character(separator) if !line.contains('"') => line.split(separator).map(str::trim).collect(),
+            Self::Character(separator) if !line.contains('"') => {
+                line.split(separator).map(str::trim).collect()
+            }
             Self::Character(separator) => {
                 let (mut cells, mut start, mut quoted) = (Vec::new(), 0, false);
                 for (at, c) in line.char_indices() {
@@ -45,7 +47,10 @@ impl Separator {
 
 fn unquoted(cell: &str) -> &str {
     let cell = cell.trim();
-    cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).unwrap_or(cell).trim()
+    cell.strip_prefix('"')
+        .and_then(|c| c.strip_suffix('"'))
+        .unwrap_or(cell)
+        .trim()
 }
 
 /// A number with a decimal point, or with a comma where commas do not separate columns; a time of day in
@@ -64,15 +69,24 @@ pub fn number(cell: &str, separator: Separator) -> Option<f64> {
         return clock(cell);
     }
     // Fortran writes exponents with a D.
-    if cell.contains(['d', 'D']) { cell.replace(['d', 'D'], "e").parse().ok() } else { None }
+    if cell.contains(['d', 'D']) {
+        cell.replace(['d', 'D'], "e").parse().ok()
+    } else {
+        None
+    }
 }
 
 /// `12:34:56.789`, behind a date `2024-01-31` or not, as seconds (of the day, or since 1970).
 fn clock(cell: &str) -> Option<f64> {
     let cell = cell.trim_end_matches('Z');
-    let (date, time) = cell.split_once(['T', ' ']).map_or((None, cell), |(date, time)| (Some(date), time));
+    let (date, time) = cell
+        .split_once(['T', ' '])
+        .map_or((None, cell), |(date, time)| (Some(date), time));
     let mut parts = time.split(':');
-    let (hours, minutes) = (parts.next()?.parse::<u32>().ok()?, parts.next()?.parse::<u32>().ok()?);
+    let (hours, minutes) = (
+        parts.next()?.parse::<u32>().ok()?,
+        parts.next()?.parse::<u32>().ok()?,
+    );
     let seconds: f64 = parts.next()?.replace(',', ".").parse().ok()?;
     if parts.next().is_some() || hours > 23 || minutes > 59 || !(0.0..61.0).contains(&seconds) {
         return None;
@@ -86,22 +100,36 @@ fn clock(cell: &str) -> Option<f64> {
 
 /// Days from 1970-01-01 to a date of the proleptic Gregorian calendar.
 fn days_since_1970(date: &str) -> Option<i64> {
-    let mut parts = date.split(['-', '/', '.']).map(|part| part.parse::<i64>().ok());
+    let mut parts = date
+        .split(['-', '/', '.'])
+        .map(|part| part.parse::<i64>().ok());
     let (year, month, day) = (parts.next()??, parts.next()??, parts.next()??);
     if !(1..=12).contains(&month) || !(1..=31).contains(&day) || !(1..=9999).contains(&year) {
         return None;
     }
     // Years begin in March, so that the leap day is the last.
-    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
     let era = year.div_euclid(400);
     let year_of_era = year - era * 400;
     let day_of_year = (153 * month + 2) / 5 + day - 1;
-    Some(era * 146_097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719_468)
+    Some(
+        era * 146_097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year
+            - 719_468,
+    )
 }
 
 /// Separators in the order in which they are tried; earlier ones win where both make numbers of everything.
-const SEPARATORS: [Separator; 5] =
-    [Separator::Character('\t'), Separator::Character(';'), Separator::Character(','), Separator::Character('|'), Separator::Spaces];
+const SEPARATORS: [Separator; 5] = [
+    Separator::Character('\t'),
+    Separator::Character(';'),
+    Separator::Character(','),
+    Separator::Character('|'),
+    Separator::Spaces,
+];
 
 /// The separator that makes numbers of most cells of these lines.
 pub fn separator_of(lines: &[&str]) -> Separator {
@@ -110,14 +138,21 @@ pub fn separator_of(lines: &[&str]) -> Separator {
         for line in lines {
             let cells = separator.cells(line);
             let filled = cells.iter().filter(|c| !c.is_empty()).count();
-            let numbers = cells.iter().filter(|c| number(c, separator).is_some()).count();
+            let numbers = cells
+                .iter()
+                .filter(|c| number(c, separator).is_some())
+                .count();
             whole += usize::from(numbers == filled && numbers >= 2);
             cells_of_numbers += if cells.len() > 1 { numbers } else { 0 };
         }
         (whole, cells_of_numbers)
     };
     // `max_by_key` keeps the last of equals.
-    SEPARATORS.into_iter().rev().max_by_key(|s| score(*s)).unwrap_or(Separator::Character(','))
+    SEPARATORS
+        .into_iter()
+        .rev()
+        .max_by_key(|s| score(*s))
+        .unwrap_or(Separator::Character(','))
 }
 
 #[cfg(test)]

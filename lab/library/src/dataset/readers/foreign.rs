@@ -20,11 +20,20 @@ pub fn is_decoding() -> bool {
 }
 
 /// Runs a decoder.
-pub(super) fn guarded(place: &str, format: &str, decode: impl FnOnce() -> Result<Table>) -> Result<Table> {
+pub(super) fn guarded(
+    place: &str,
+    format: &str,
+    decode: impl FnOnce() -> Result<Table>,
+) -> Result<Table> {
     DECODING.set(true);
     let read = catch_unwind(AssertUnwindSafe(decode));
     DECODING.set(false);
-    read.unwrap_or_else(|_| Err(Error::new(place, format!("cannot be read as {format}: its parts contradict each other; is it damaged?"))))
+    read.unwrap_or_else(|_| {
+        Err(Error::new(
+            place,
+            format!("cannot be read as {format}: its parts contradict each other; is it damaged?"),
+        ))
+    })
 }
 
 #[cfg(test)]
@@ -39,7 +48,11 @@ mod tests {
                 usual(panic);
             }
         }));
-        let refused = guarded("a.parquet", "Parquet", || panic!("a length below zero")).expect_err("refused");
-        assert!(refused.to_string().contains("damaged") && !is_decoding(), "{refused}");
+        let refused =
+            guarded("a.parquet", "Parquet", || panic!("a length below zero")).expect_err("refused");
+        assert!(
+            refused.to_string().contains("damaged") && !is_decoding(),
+            "{refused}"
+        );
     }
 }

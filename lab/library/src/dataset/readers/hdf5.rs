@@ -22,19 +22,38 @@ const REFERENCES: &str = "#refs#";
 
 /// Reads all data sets of numbers, in all groups.
 pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
-    let fail = |e: &dyn std::fmt::Display| Error::new(place, format!("cannot be read as HDF5: {e}; is it cut off or damaged?"));
+    let fail = |e: &dyn std::fmt::Display| {
+        Error::new(
+            place,
+            format!("cannot be read as HDF5: {e}; is it cut off or damaged?"),
+        )
+    };
     // What is compressed may be much longer than the file, but not without end.
     let most = bytes.len().saturating_mul(1100).min(ARRAY_MAX);
-    let options = OpenOptions::default().with_max_read_bytes(most).with_max_chunk_bytes(most);
+    let options = OpenOptions::default()
+        .with_max_read_bytes(most)
+        .with_max_chunk_bytes(most);
     let file = Hdf5File::from_bytes_with_options(bytes, options).map_err(|e| fail(&e))?;
     let root = file.root_group().map_err(|e| fail(&e))?;
     let (groups, datasets) = root.members().map_err(|e| fail(&e))?;
-    let mut reader = Reader { place, referred: BTreeMap::new(), visited: 0 };
-    let (hidden, groups): (Vec<Group>, Vec<Group>) = groups.into_iter().partition(|group| group.name().starts_with('#'));
+    let mut reader = Reader {
+        place,
+        referred: BTreeMap::new(),
+        visited: 0,
+    };
+    let (hidden, groups): (Vec<Group>, Vec<Group>) = groups
+        .into_iter()
+        .partition(|group| group.name().starts_with('#'));
     for group in hidden.iter().filter(|group| group.name() == REFERENCES) {
         let (groups, datasets) = group.members().map_err(|e| fail(&e))?;
-        reader.referred.extend(groups.into_iter().map(|g| (g.address(), Object::Group(g))));
-        reader.referred.extend(datasets.into_iter().map(|d| (d.address(), Object::Dataset(Box::new(d)))));
+        reader
+            .referred
+            .extend(groups.into_iter().map(|g| (g.address(), Object::Group(g))));
+        reader.referred.extend(
+            datasets
+                .into_iter()
+                .map(|d| (d.address(), Object::Dataset(Box::new(d)))),
+        );
     }
     let mut variables = sampling(|key| root.attribute(key).ok());
     for dataset in &datasets {
@@ -50,7 +69,13 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
 fn sampling(attribute: impl Fn(&str) -> Option<Attribute>) -> Vec<(String, Tree)> {
     let number = |key: &&str| {
         let value = attribute(key)?.read_as_f64().ok()?;
-        Some(((*key).to_owned(), Tree::Numbers { shape: Vec::new(), values: vec![value] }))
+        Some((
+            (*key).to_owned(),
+            Tree::Numbers {
+                shape: Vec::new(),
+                values: vec![value],
+            },
+        ))
     };
     SAMPLING.iter().filter_map(number).collect()
 }
@@ -68,7 +93,10 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn fail(&self, name: &str, what: impl std::fmt::Display) -> Error {
-        Error::new(self.place, format!("`{name}` cannot be read: {what}; is the file cut off or damaged?"))
+        Error::new(
+            self.place,
+            format!("`{name}` cannot be read: {what}; is the file cut off or damaged?"),
+        )
     }
 
     fn visit(&mut self, name: &str, depth: usize) -> Result<()> {
@@ -98,7 +126,11 @@ impl Reader<'_> {
                 _ => None,
             })
             .collect();
-        let count = lengths.first().copied().flatten().filter(|n| *n > 0 && lengths.iter().all(|length| *length == Some(*n)));
+        let count = lengths
+            .first()
+            .copied()
+            .flatten()
+            .filter(|n| *n > 0 && lengths.iter().all(|length| *length == Some(*n)));
         let Some(count) = count else {
             fields.extend(rates);
             return Ok(Tree::Structs(vec![fields]));
@@ -106,7 +138,10 @@ impl Reader<'_> {
         let mut elements: Vec<Vec<(String, Tree)>> = (0..count).map(|_| Vec::new()).collect();
         for (field, tree) in fields {
             if let Tree::Cells(cells) = tree {
-                elements.iter_mut().zip(cells).for_each(|(element, cell)| element.push((field.clone(), cell)));
+                elements
+                    .iter_mut()
+                    .zip(cells)
+                    .for_each(|(element, cell)| element.push((field.clone(), cell)));
             }
         }
         Ok(Tree::Structs(elements))
@@ -115,7 +150,12 @@ impl Reader<'_> {
     fn dataset(&mut self, dataset: &Dataset, depth: usize) -> Result<Tree> {
         let name = dataset.name();
         self.visit(name, depth)?;
-        let attribute = |key: &str| dataset.attribute(key).ok().and_then(|a| a.read_string().ok());
+        let attribute = |key: &str| {
+            dataset
+                .attribute(key)
+                .ok()
+                .and_then(|a| a.read_string().ok())
+        };
         let class = attribute("MATLAB_class").unwrap_or_default();
         let kind = match dataset.dtype() {
             Datatype::FixedPoint { size, signed, .. } => match (size, signed) {
@@ -134,7 +174,9 @@ impl Reader<'_> {
             Datatype::Reference { .. } => return self.referred(dataset, depth),
             Datatype::Compound { .. } => return Ok(Tree::Unread("rows of several fields".into())),
             Datatype::String { .. } | Datatype::VarLen { .. } => {
-                return Ok(dataset.read_string().map_or_else(|_| Tree::Unread("text".into()), Tree::Text));
+                return Ok(dataset
+                    .read_string()
+                    .map_or_else(|_| Tree::Unread("text".into()), Tree::Text));
             }
             _ => return Ok(Tree::Unread("no numbers".into())),
         };
@@ -142,16 +184,26 @@ impl Reader<'_> {
         if is_empty {
             return Ok(Tree::Text(String::new()));
         }
-        let bytes = dataset.read_native_bytes().map_err(|e| self.fail(name, e))?;
+        let bytes = dataset
+            .read_native_bytes()
+            .map_err(|e| self.fail(name, e))?;
         let values = kind.numbers(&bytes, cfg!(target_endian = "big"));
         if class == "char" {
             let units: Vec<u16> = values.iter().map(|v| *v as u16).collect();
             return Ok(Tree::Text(String::from_utf16_lossy(&units)));
         }
         // Rows of HDF5 are columns of MATLAB.
-        let shape = dataset.shape().iter().rev().map(|side| *side as usize).collect();
+        let shape = dataset
+            .shape()
+            .iter()
+            .rev()
+            .map(|side| *side as usize)
+            .collect();
         let numbers = Tree::Numbers { shape, values };
-        let unit = ["units", "unit", "Unit"].iter().find_map(|key| attribute(key)).filter(|unit| !unit.is_empty());
+        let unit = ["units", "unit", "Unit"]
+            .iter()
+            .find_map(|key| attribute(key))
+            .filter(|unit| !unit.is_empty());
         let mut fields = sampling(|key| dataset.attribute(key).ok());
         fields.extend(unit.map(|unit| ("unit".to_owned(), Tree::Text(unit))));
         if fields.is_empty() {
@@ -169,7 +221,10 @@ impl Reader<'_> {
             return Err(self.fail(name, "too many references"));
         }
         let mut cells = Vec::new();
-        for address in bytes.chunks_exact(8).map(|b| u64::from_le_bytes(b.try_into().unwrap_or([0; 8]))) {
+        for address in bytes
+            .chunks_exact(8)
+            .map(|b| u64::from_le_bytes(b.try_into().unwrap_or([0; 8])))
+        {
             // Taken out while it is read: what refers to itself is then found missing, not read without end.
             let Some(object) = self.referred.remove(&address) else {
                 cells.push(Tree::Unread("a reference to nothing".into()));

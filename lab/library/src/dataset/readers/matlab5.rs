@@ -20,7 +20,9 @@ const MI_COMPRESSED: u32 = 15;
 
 /// Whether the bytes begin as such a file does.
 pub fn is_matlab5(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"MATLAB 5.0") || (bytes.len() >= HEADER && matches!(&bytes[124..128], [0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
+    bytes.starts_with(b"MATLAB 5.0")
+        || (bytes.len() >= HEADER
+            && matches!(&bytes[124..128], [0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
 }
 
 /// Reads all variables.
@@ -29,7 +31,10 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         Some(b"IM") => false,
         Some(b"MI") => true,
         _ => {
-            return Err(Error::new(place, "byte 126: no mark of the byte order; expected a MATLAB file of version 5 to 7, is it cut off?"));
+            return Err(Error::new(
+                place,
+                "byte 126: no mark of the byte order; expected a MATLAB file of version 5 to 7, is it cut off?",
+            ));
         }
     };
     let mut file = Bytes::new(place, bytes, big_endian);
@@ -41,13 +46,28 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         let (name, tree) = match kind {
             MI_COMPRESSED => {
                 let mut inflated = Vec::new();
-                let broken = |e| Error::new(place, format!("byte {at}: a compressed variable cannot be read ({e}); is the file damaged?"));
-                flate2::read::ZlibDecoder::new(data).take(INFLATED_MAX).read_to_end(&mut inflated).map_err(broken)?;
+                let broken = |e| {
+                    Error::new(
+                        place,
+                        format!(
+                            "byte {at}: a compressed variable cannot be read ({e}); is the file damaged?"
+                        ),
+                    )
+                };
+                flate2::read::ZlibDecoder::new(data)
+                    .take(INFLATED_MAX)
+                    .read_to_end(&mut inflated)
+                    .map_err(broken)?;
                 let inside = format!("{place}: the compressed variable at byte {at}");
                 let mut variable = Bytes::new(&inside, &inflated, big_endian);
                 match element(&mut variable)? {
-                    (MI_MATRIX, data) => matrix(Bytes::new(&inside, data, big_endian), big_endian, 0)?,
-                    (other, _) => return variable.wrong(format!("an element of type {other}; expected a variable")),
+                    (MI_MATRIX, data) => {
+                        matrix(Bytes::new(&inside, data, big_endian), big_endian, 0)?
+                    }
+                    (other, _) => {
+                        return variable
+                            .wrong(format!("an element of type {other}; expected a variable"));
+                    }
                 }
             }
             MI_MATRIX => matrix(Bytes::new(place, data, big_endian), big_endian, 0)?,
@@ -66,13 +86,17 @@ fn element<'a>(file: &mut Bytes<'a>) -> Result<(u32, &'a [u8])> {
         // Up to four bytes stand in the tag itself.
         let (kind, size) = (tag & 0xffff, (tag >> 16) as usize);
         if size > 4 {
-            return file.wrong(format!("a short element of {size} bytes; expected at most 4, is the file damaged?"));
+            return file.wrong(format!(
+                "a short element of {size} bytes; expected at most 4, is the file damaged?"
+            ));
         }
         return Ok((kind, &file.take(4, "a short element")?[..size]));
     }
     let size = file.u32("the size of an element")? as usize;
     if !(1..=18).contains(&tag) {
-        return file.wrong(format!("an element of the unknown type {tag}; is the file damaged?"));
+        return file.wrong(format!(
+            "an element of the unknown type {tag}; is the file damaged?"
+        ));
     }
     let data = file.take(size, "an element")?;
     if tag != MI_COMPRESSED {
@@ -93,7 +117,11 @@ fn kind_of(file: &Bytes, mi: u32) -> Result<FileKind> {
         9 => FileKind::F64,
         12 => FileKind::I64,
         13 => FileKind::U64,
-        _ => return file.wrong(format!("numbers of the unknown type {mi}; is the file damaged?")),
+        _ => {
+            return file.wrong(format!(
+                "numbers of the unknown type {mi}; is the file damaged?"
+            ));
+        }
     })
 }
 
@@ -109,7 +137,11 @@ fn text(file: &mut Bytes, big_endian: bool) -> Result<String> {
     Ok(match mi {
         1 | 2 | 16 => String::from_utf8_lossy(data).into_owned(),
         _ => {
-            let units: Vec<u16> = kind_of(file, mi)?.numbers(data, big_endian).iter().map(|v| *v as u16).collect();
+            let units: Vec<u16> = kind_of(file, mi)?
+                .numbers(data, big_endian)
+                .iter()
+                .map(|v| *v as u16)
+                .collect();
             String::from_utf16_lossy(&units)
         }
     })
@@ -118,20 +150,37 @@ fn text(file: &mut Bytes, big_endian: bool) -> Result<String> {
 /// Name and content of a variable.
 fn matrix(mut file: Bytes, big_endian: bool, depth: usize) -> Result<(String, Tree)> {
     if depth > DEPTH_MAX {
-        return file.wrong(format!("structs and cells are nested more than {DEPTH_MAX} deep"));
+        return file.wrong(format!(
+            "structs and cells are nested more than {DEPTH_MAX} deep"
+        ));
     }
     if file.left() == 0 {
-        return Ok((String::new(), Tree::Numbers { shape: vec![0, 0], values: Vec::new() }));
+        return Ok((
+            String::new(),
+            Tree::Numbers {
+                shape: vec![0, 0],
+                values: Vec::new(),
+            },
+        ));
     }
     let flags = numbers(&mut file, big_endian)?;
     let class = flags.first().map_or(0, |v| *v as u32 & 0xff);
     if class == 17 {
         let name = text(&mut file, big_endian)?;
-        return Ok((name, Tree::Unread("an object of MATLAB (timeseries, Dataset?)".into())));
+        return Ok((
+            name,
+            Tree::Unread("an object of MATLAB (timeseries, Dataset?)".into()),
+        ));
     }
-    let shape: Vec<usize> = numbers(&mut file, big_endian)?.iter().map(|v| v.max(0.0) as usize).collect();
+    let shape: Vec<usize> = numbers(&mut file, big_endian)?
+        .iter()
+        .map(|v| v.max(0.0) as usize)
+        .collect();
     let name = text(&mut file, big_endian)?;
-    let count = shape.iter().try_fold(1_usize, |n, side| n.checked_mul(*side)).unwrap_or(usize::MAX);
+    let count = shape
+        .iter()
+        .try_fold(1_usize, |n, side| n.checked_mul(*side))
+        .unwrap_or(usize::MAX);
     let tree = match class {
         1 => {
             let mut cells = Vec::new();
@@ -144,12 +193,17 @@ fn matrix(mut file: Bytes, big_endian: bool, depth: usize) -> Result<(String, Tr
             if class == 3 {
                 text(&mut file, big_endian)?;
             }
-            let length = numbers(&mut file, big_endian)?.first().map_or(0, |v| v.max(0.0) as usize);
+            let length = numbers(&mut file, big_endian)?
+                .first()
+                .map_or(0, |v| v.max(0.0) as usize);
             let (_, names) = element(&mut file)?;
             if length == 0 && !names.is_empty() {
                 return file.wrong("names of fields without a length; is the file damaged?");
             }
-            let name = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned();
+            let name = |bytes: &[u8]| {
+                String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default())
+                    .into_owned()
+            };
             let fields: Vec<String> = names.chunks(length.max(1)).map(name).collect();
             let mut elements = Vec::new();
             // A struct without fields has no data, however many elements it promises.
@@ -166,13 +220,20 @@ fn matrix(mut file: Bytes, big_endian: bool, depth: usize) -> Result<(String, Tr
         6..=15 => {
             let values = numbers(&mut file, big_endian)?;
             if values.len() != count {
-                return file.wrong(format!("`{name}` has shape {shape:?}, but {} numbers; is the file damaged?", values.len()));
+                return file.wrong(format!(
+                    "`{name}` has shape {shape:?}, but {} numbers; is the file damaged?",
+                    values.len()
+                ));
             }
             Tree::Numbers { shape, values }
         }
         5 => Tree::Unread("a sparse matrix".into()),
         16 => Tree::Unread("a function".into()),
-        _ => return file.wrong(format!("`{name}` is of the unknown class {class}; is the file damaged?")),
+        _ => {
+            return file.wrong(format!(
+                "`{name}` is of the unknown class {class}; is the file damaged?"
+            ));
+        }
     };
     Ok((name, tree))
 }

@@ -60,7 +60,9 @@ impl Format {
     /// The message of a build without its reader.
     fn needs_full_build(self) -> String {
         let name = match self {
-            Self::Hdf5 => "HDF5 or MATLAB 7.3 (`save -v7` in MATLAB writes a format that it reads)".to_owned(),
+            Self::Hdf5 => {
+                "HDF5 or MATLAB 7.3 (`save -v7` in MATLAB writes a format that it reads)".to_owned()
+            }
             Self::Arrow => "Feather".to_owned(),
             other => format!("{other:?}"),
         };
@@ -71,19 +73,30 @@ impl Format {
 }
 
 fn format_of(place: &str, bytes: &[u8]) -> Format {
-    let extension = place.rsplit_once('.').map(|(_, extension)| extension.to_lowercase()).unwrap_or_default();
+    let extension = place
+        .rsplit_once('.')
+        .map(|(_, extension)| extension.to_lowercase())
+        .unwrap_or_default();
     let hdf5_at = |at: usize| bytes.get(at..).is_some_and(|rest| rest.starts_with(HDF5));
     match bytes {
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Format::Npy,
-        [b'P', b'K', 3 | 5, ..] if extension == "xlsx" || extension == "xlsm" => Format::Spreadsheet,
+        [b'P', b'K', 3 | 5, ..] if extension == "xlsx" || extension == "xlsm" => {
+            Format::Spreadsheet
+        }
         [b'P', b'K', 3 | 5, ..] => Format::Npz,
         [b'T', b'D', b'S', b'm', ..] => Format::Tdms,
         [b'P', b'A', b'R', b'1', ..] => Format::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => Format::Arrow,
-        [b'F', b'E', b'A', b'1', ..] => Format::Refused("the first version of Feather; write it with a newer pandas or PyArrow"),
-        [0xff, 0xff, 0xff, 0xff, ..] if extension.starts_with("arrow") => Format::Refused("an Arrow stream; write an Arrow file (Feather)"),
+        [b'F', b'E', b'A', b'1', ..] => {
+            Format::Refused("the first version of Feather; write it with a newer pandas or PyArrow")
+        }
+        [0xff, 0xff, 0xff, 0xff, ..] if extension.starts_with("arrow") => {
+            Format::Refused("an Arrow stream; write an Arrow file (Feather)")
+        }
         [b'R', b'I', b'F', b'F', ..] => Format::Wav,
-        [0xd0, 0xcf, 0x11, 0xe0, ..] => Format::Refused("an old Office file (XLS); save it as XLSX or CSV"),
+        [0xd0, 0xcf, 0x11, 0xe0, ..] => {
+            Format::Refused("an old Office file (XLS); save it as XLSX or CSV")
+        }
         [0x1f, 0x8b, ..] => Format::Refused("compressed by gzip; unpack it first"),
         _ if hdf5_at(0) || hdf5_at(512) || hdf5_at(1024) || hdf5_at(2048) => Format::Hdf5,
         _ if matlab5::is_matlab5(bytes) => Format::Matlab5,

@@ -43,11 +43,25 @@ pub fn table(place: &str, variables: Vec<(String, Tree)>) -> Result<Table> {
     // The last part of a path is enough where no other column has it.
     let last = |path: &[String]| path.last().cloned().unwrap_or_default();
     let leaves: Vec<String> = arrays.iter().map(|(path, ..)| last(path)).collect();
-    let named = arrays.into_iter().enumerate().map(|(i, (path, unit, values))| {
-        let alone = leaves.iter().filter(|leaf| **leaf == leaves[i]).count() == 1;
-        let name = if alone { leaves[i].clone() } else { path.join(".") };
-        (if unit.is_empty() { name } else { format!("{name} [{unit}]") }, values)
-    });
+    let named = arrays
+        .into_iter()
+        .enumerate()
+        .map(|(i, (path, unit, values))| {
+            let alone = leaves.iter().filter(|leaf| **leaf == leaves[i]).count() == 1;
+            let name = if alone {
+                leaves[i].clone()
+            } else {
+                path.join(".")
+            };
+            (
+                if unit.is_empty() {
+                    name
+                } else {
+                    format!("{name} [{unit}]")
+                },
+                values,
+            )
+        });
     let table = Table::from_arrays(place, named.collect());
     if unread.is_empty() {
         return table;
@@ -67,21 +81,30 @@ pub fn table(place: &str, variables: Vec<(String, Tree)>) -> Result<Table> {
     }
 }
 
-fn collect(path: &mut Vec<String>, tree: Tree, arrays: &mut Vec<(Vec<String>, String, Vec<f64>)>, unread: &mut Vec<String>) {
+fn collect(
+    path: &mut Vec<String>,
+    tree: Tree,
+    arrays: &mut Vec<(Vec<String>, String, Vec<f64>)>,
+    unread: &mut Vec<String>,
+) {
     match tree {
         Tree::Numbers { shape, values } => push_columns(path, "", &shape, values, arrays),
         Tree::Text(_) => {}
         Tree::Unread(what) => unread.push(format!("`{}` ({what})", path.join("."))),
         Tree::Cells(cells) => {
             for (i, cell) in cells.into_iter().enumerate() {
-                within(path, format!("{{{}}}", i + 1), |path| collect(path, cell, arrays, unread));
+                within(path, format!("{{{}}}", i + 1), |path| {
+                    collect(path, cell, arrays, unread)
+                });
             }
         }
         Tree::Structs(elements) => {
             let several = elements.len() > 1;
             for (i, fields) in elements.into_iter().enumerate() {
                 if several {
-                    within(path, format!("({})", i + 1), |path| collect_struct(path, fields, arrays, unread));
+                    within(path, format!("({})", i + 1), |path| {
+                        collect_struct(path, fields, arrays, unread)
+                    });
                 } else {
                     collect_struct(path, fields, arrays, unread);
                 }
@@ -117,7 +140,9 @@ fn collect_struct(
     let text_of = |keys: &[&str]| {
         keys.iter().find_map(|key| {
             fields.iter().find_map(|(field, tree)| match tree {
-                Tree::Text(text) if field.eq_ignore_ascii_case(key) && !text.trim().is_empty() => Some(text.trim().to_owned()),
+                Tree::Text(text) if field.eq_ignore_ascii_case(key) && !text.trim().is_empty() => {
+                    Some(text.trim().to_owned())
+                }
                 _ => None,
             })
         })
@@ -127,7 +152,9 @@ fn collect_struct(
         let is_data = DATA.iter().any(|key| field.eq_ignore_ascii_case(key));
         match tree {
             Tree::Numbers { shape, values } if is_data => match &name {
-                Some(name) => within(path, name.clone(), |path| push_columns(path, &unit, &shape, values, arrays)),
+                Some(name) => within(path, name.clone(), |path| {
+                    push_columns(path, &unit, &shape, values, arrays)
+                }),
                 None => push_columns(path, &unit, &shape, values, arrays),
             },
             tree => within(path, field, |path| collect(path, tree, arrays, unread)),
@@ -136,7 +163,13 @@ fn collect_struct(
 }
 
 /// One column of a vector, several of a matrix; sides of length one do not count.
-fn push_columns(path: &[String], unit: &str, shape: &[usize], values: Vec<f64>, arrays: &mut Vec<(Vec<String>, String, Vec<f64>)>) {
+fn push_columns(
+    path: &[String],
+    unit: &str,
+    shape: &[usize],
+    values: Vec<f64>,
+    arrays: &mut Vec<(Vec<String>, String, Vec<f64>)>,
+) {
     let sides: Vec<usize> = shape.iter().copied().filter(|side| *side != 1).collect();
     let mut push = |index: Option<usize>, values: Vec<f64>| {
         let mut path = path.to_vec();
@@ -153,7 +186,10 @@ fn push_columns(path: &[String], unit: &str, shape: &[usize], values: Vec<f64>, 
         }
         [width, rows] if rows > width && width <= COLUMNS_MAX => {
             for c in 0..width {
-                push(Some(c + 1), (0..rows).map(|r| values[r * width + c]).collect());
+                push(
+                    Some(c + 1),
+                    (0..rows).map(|r| values[r * width + c]).collect(),
+                );
             }
         }
         [] | [_] => push(None, values),

@@ -12,23 +12,47 @@ const MEMBER_MAX: u64 = 1 << 31;
 
 /// One array: `(samples, columns)`, or `(columns, samples)` where that is the longer side.
 pub fn read_npy(place: &str, bytes: &[u8]) -> Result<Table> {
-    let file = npyz::NpyFile::new(bytes).map_err(|e| Error::new(place, format!("cannot be read as NPY: {e}")))?;
+    let file = npyz::NpyFile::new(bytes)
+        .map_err(|e| Error::new(place, format!("cannot be read as NPY: {e}")))?;
     check_size(place, &file, bytes.len())?;
     let (shape, values) = f64_values(place, file)?;
     let [first, second] = shape[..] else {
-        return Err(Error::new(place, format!("has shape {shape:?}; expected (samples, columns) with columns t, u, y")));
+        return Err(Error::new(
+            place,
+            format!("has shape {shape:?}; expected (samples, columns) with columns t, u, y"),
+        ));
     };
-    let mut table = Table { place: place.to_owned(), ..Table::default() };
-    let (rows, width) = if second > COLUMNS_MAX && first <= COLUMNS_MAX { (second, first) } else { (first, second) };
+    let mut table = Table {
+        place: place.to_owned(),
+        ..Table::default()
+    };
+    let (rows, width) = if second > COLUMNS_MAX && first <= COLUMNS_MAX {
+        (second, first)
+    } else {
+        (first, second)
+    };
     if width > COLUMNS_MAX {
-        return Err(Error::new(place, format!("has shape {shape:?}; expected at most {COLUMNS_MAX} columns")));
+        return Err(Error::new(
+            place,
+            format!("has shape {shape:?}; expected at most {COLUMNS_MAX} columns"),
+        ));
     }
     let is_turned = rows != first;
     if is_turned {
-        table.notes.push(format!("shape {shape:?}: rows are the columns"));
+        table
+            .notes
+            .push(format!("shape {shape:?}: rows are the columns"));
     }
-    let at = |r: usize, c: usize| if is_turned { values[c * rows + r] } else { values[r * width + c] };
-    table.columns = (0..width).map(|c| Column::new(c + 1, "", (0..rows).map(|r| at(r, c)).collect())).collect();
+    let at = |r: usize, c: usize| {
+        if is_turned {
+            values[c * rows + r]
+        } else {
+            values[r * width + c]
+        }
+    };
+    table.columns = (0..width)
+        .map(|c| Column::new(c + 1, "", (0..rows).map(|r| at(r, c)).collect()))
+        .collect();
     table.finite()
 }
 
@@ -40,11 +64,18 @@ pub fn read_npz(place: &str, bytes: &[u8]) -> Result<Table> {
     for i in 0..archive.len() {
         let mut member = archive.by_index(i).map_err(|e| fail(&e))?;
         let file_name = member.name().map_err(|e| fail(&e))?.into_owned();
-        let Some(name) = file_name.strip_suffix(".npy").map(str::to_owned) else { continue };
+        let Some(name) = file_name.strip_suffix(".npy").map(str::to_owned) else {
+            continue;
+        };
         let mut content = Vec::new();
-        member.by_ref().take(MEMBER_MAX).read_to_end(&mut content).map_err(|e| fail(&format!("array `{name}`: {e}")))?;
+        member
+            .by_ref()
+            .take(MEMBER_MAX)
+            .read_to_end(&mut content)
+            .map_err(|e| fail(&format!("array `{name}`: {e}")))?;
         let inside = format!("{place}: array `{name}`");
-        let file = npyz::NpyFile::new(&content[..]).map_err(|e| Error::new(&inside, format!("cannot be read as NPY: {e}")))?;
+        let file = npyz::NpyFile::new(&content[..])
+            .map_err(|e| Error::new(&inside, format!("cannot be read as NPY: {e}")))?;
         check_size(&inside, &file, content.len())?;
         if !is_number(&file) {
             continue;
@@ -52,10 +83,20 @@ pub fn read_npz(place: &str, bytes: &[u8]) -> Result<Table> {
         let (shape, values) = f64_values(&inside, file)?;
         match shape[..] {
             [rows, width] if width > 1 && width <= COLUMNS_MAX && rows > width => {
-                arrays.extend((0..width).map(|c| (format!("{name}.{}", c + 1), (0..rows).map(|r| values[r * width + c]).collect())));
+                arrays.extend((0..width).map(|c| {
+                    (
+                        format!("{name}.{}", c + 1),
+                        (0..rows).map(|r| values[r * width + c]).collect(),
+                    )
+                }));
             }
             [width, rows] if width > 1 && width <= COLUMNS_MAX => {
-                arrays.extend((0..width).map(|c| (format!("{name}.{}", c + 1), values[c * rows..(c + 1) * rows].to_vec())));
+                arrays.extend((0..width).map(|c| {
+                    (
+                        format!("{name}.{}", c + 1),
+                        values[c * rows..(c + 1) * rows].to_vec(),
+                    )
+                }));
             }
             _ => arrays.push((name, values)),
         }
@@ -66,24 +107,46 @@ pub fn read_npz(place: &str, bytes: &[u8]) -> Result<Table> {
 
 fn is_number<R: std::io::Read>(file: &npyz::NpyFile<R>) -> bool {
     let kind = file.dtype().descr();
-    ["f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1"].iter().any(|known| kind.contains(known))
+    [
+        "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1",
+    ]
+    .iter()
+    .any(|known| kind.contains(known))
 }
 
 /// Refuses a header that promises more numbers than the file can hold, before memory is asked for.
 fn check_size<R: std::io::Read>(place: &str, file: &npyz::NpyFile<R>, bytes: usize) -> Result<()> {
-    let values = file.shape().iter().try_fold(1_u64, |n, side| n.checked_mul(*side));
+    let values = file
+        .shape()
+        .iter()
+        .try_fold(1_u64, |n, side| n.checked_mul(*side));
     if values.is_none_or(|values| values > bytes as u64) {
-        return Err(Error::new(place, format!("promises an array of shape {:?}, more than the file holds; is it cut off?", file.shape())));
+        return Err(Error::new(
+            place,
+            format!(
+                "promises an array of shape {:?}, more than the file holds; is it cut off?",
+                file.shape()
+            ),
+        ));
     }
     Ok(())
 }
 
-fn f64_values<R: std::io::Read>(place: &str, file: npyz::NpyFile<R>) -> Result<(Vec<usize>, Vec<f64>)> {
+fn f64_values<R: std::io::Read>(
+    place: &str,
+    file: npyz::NpyFile<R>,
+) -> Result<(Vec<usize>, Vec<f64>)> {
     let shape: Vec<usize> = file.shape().iter().map(|n| *n as usize).collect();
     let order = file.order();
     let kind = file.dtype().descr();
-    fn all<T: npyz::Deserialize, R: std::io::Read>(place: &str, file: npyz::NpyFile<R>, wide: impl Fn(T) -> f64) -> Result<Vec<f64>> {
-        let values = file.into_vec::<T>().map_err(|e| Error::new(place, format!("cannot be read as an array of numbers: {e}")))?;
+    fn all<T: npyz::Deserialize, R: std::io::Read>(
+        place: &str,
+        file: npyz::NpyFile<R>,
+        wide: impl Fn(T) -> f64,
+    ) -> Result<Vec<f64>> {
+        let values = file.into_vec::<T>().map_err(|e| {
+            Error::new(place, format!("cannot be read as an array of numbers: {e}"))
+        })?;
         Ok(values.into_iter().map(wide).collect())
     }
     let values = match kind.trim_matches(['\'', '"', '<', '>', '|', '=']) {
@@ -101,7 +164,9 @@ fn f64_values<R: std::io::Read>(place: &str, file: npyz::NpyFile<R>) -> Result<(
     };
     if order == npyz::Order::Fortran && shape.len() == 2 {
         let (rows, width) = (shape[0], shape[1]);
-        let c_order = (0..rows * width).map(|i| values[(i % width) * rows + i / width]).collect();
+        let c_order = (0..rows * width)
+            .map(|i| values[(i % width) * rows + i / width])
+            .collect();
         return Ok((shape, c_order));
     }
     Ok((shape, values))

@@ -10,22 +10,34 @@ const CELLS_MAX: usize = 50_000_000;
 
 /// Reads a workbook.
 pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
-    let fail = |e: &dyn std::fmt::Display| Error::new(place, format!("cannot be read as XLSX: {e}; is it cut off or damaged?"));
-    let mut book: Xlsx<_> = open_workbook_from_rs(std::io::Cursor::new(bytes)).map_err(|e| fail(&e))?;
+    let fail = |e: &dyn std::fmt::Display| {
+        Error::new(
+            place,
+            format!("cannot be read as XLSX: {e}; is it cut off or damaged?"),
+        )
+    };
+    let mut book: Xlsx<_> =
+        open_workbook_from_rs(std::io::Cursor::new(bytes)).map_err(|e| fail(&e))?;
     let names = book.sheet_names();
     let mut first_error = None;
     for name in &names {
-        let sheet = book.worksheet_range(name).map_err(|e| fail(&format!("sheet `{name}`: {e}")))?;
+        let sheet = book
+            .worksheet_range(name)
+            .map_err(|e| fail(&format!("sheet `{name}`: {e}")))?;
         let (rows, width) = sheet.get_size();
         if rows.saturating_mul(width) > CELLS_MAX {
             return Err(Error::new(
                 place,
-                format!("sheet `{name}` spans {rows} rows of {width} cells; expected at most {CELLS_MAX} cells"),
+                format!(
+                    "sheet `{name}` spans {rows} rows of {width} cells; expected at most {CELLS_MAX} cells"
+                ),
             ));
         }
         let inside = format!("{place}: sheet `{name}`");
         // Rows keep their numbers: what stands above the first one that is used is empty.
-        let above = sheet.start().map_or(0, |(row, _)| (row as usize).min(10_000));
+        let above = sheet
+            .start()
+            .map_or(0, |(row, _)| (row as usize).min(10_000));
         let mut text = "\n".repeat(above);
         for row in sheet.rows() {
             let cells: Vec<String> = row.iter().map(cell).collect();
@@ -35,14 +47,20 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         match delimited::read(&inside, text.as_bytes(), Hints::default()) {
             Ok(mut table) => {
                 if names.len() > 1 {
-                    table.notes.push(format!("sheet `{name}` is read, of {}", names.len()));
+                    table
+                        .notes
+                        .push(format!("sheet `{name}` is read, of {}", names.len()));
                 }
-                return Ok(Table { place: place.to_owned(), ..table });
+                return Ok(Table {
+                    place: place.to_owned(),
+                    ..table
+                });
             }
             Err(error) => first_error = first_error.or(Some(error)),
         }
     }
-    Err(first_error.unwrap_or_else(|| Error::new(place, "has no sheet; expected one with columns of numbers")))
+    Err(first_error
+        .unwrap_or_else(|| Error::new(place, "has no sheet; expected one with columns of numbers")))
 }
 
 /// A cell as a text file would have it.

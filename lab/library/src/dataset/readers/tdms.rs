@@ -51,7 +51,9 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         if tag != b"TDSm" {
             return Err(Error::new(
                 place,
-                format!("byte {start}: no segment of TDMS begins here (expected \"TDSm\"); is the file damaged?"),
+                format!(
+                    "byte {start}: no segment of TDMS begins here (expected \"TDSm\"); is the file damaged?"
+                ),
             ));
         }
         let flags = file.u32("the flags of a segment")?;
@@ -60,11 +62,23 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         let next = segment.u64("the offset of the next segment")?;
         let raw = segment.u64("the offset of the raw data")?;
         // A segment that was being written when the program ended reaches to the end.
-        let size = if next == u64::MAX { segment.left() } else { usize::try_from(next).unwrap_or(usize::MAX) };
+        let size = if next == u64::MAX {
+            segment.left()
+        } else {
+            usize::try_from(next).unwrap_or(usize::MAX)
+        };
         file = segment;
         let content = file.take(size, "a segment")?;
-        let Some(raw) = usize::try_from(raw).ok().filter(|raw| *raw <= content.len()) else {
-            return Err(Error::new(place, format!("byte {start}: the raw data of a segment begin behind its end; is the file damaged?")));
+        let Some(raw) = usize::try_from(raw)
+            .ok()
+            .filter(|raw| *raw <= content.len())
+        else {
+            return Err(Error::new(
+                place,
+                format!(
+                    "byte {start}: the raw data of a segment begin behind its end; is the file damaged?"
+                ),
+            ));
         };
         let big_endian = flags & BIG_ENDIAN != 0;
         if flags & META != 0 {
@@ -72,13 +86,20 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
                 active.clear();
             }
             let inside = format!("{place}: metadata of the segment at byte {start}");
-            metadata(Bytes::new(&inside, &content[..raw], big_endian), &mut channels, &mut names, &mut active)?;
+            metadata(
+                Bytes::new(&inside, &content[..raw], big_endian),
+                &mut channels,
+                &mut names,
+                &mut active,
+            )?;
         }
         if flags & RAW != 0 && raw < content.len() {
             if flags & DAQMX != 0 {
                 return Err(Error::new(
                     place,
-                    format!("byte {start}: raw data of DAQmx are not read; expected numbers, export them as such"),
+                    format!(
+                        "byte {start}: raw data of DAQmx are not read; expected numbers, export them as such"
+                    ),
                 ));
             }
             raw_data(place, start, &content[raw..], flags, &active, &mut channels)?;
@@ -87,7 +108,12 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
     let mut table_rate = None;
     let mut arrays = Vec::new();
     for name in names {
-        let Some(channel) = channels.remove(&name).filter(|channel| !channel.values.is_empty()) else { continue };
+        let Some(channel) = channels
+            .remove(&name)
+            .filter(|channel| !channel.values.is_empty())
+        else {
+            continue;
+        };
         let number = |key: &str| match channel.properties.get(key) {
             Some(Property::Number(value)) => Some(*value),
             _ => None,
@@ -95,11 +121,18 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         if let Some(step_s) = number("wf_increment").filter(|step| *step > 0.0) {
             table_rate = Some(1.0 / step_s);
         }
-        let unit = ["unit_string", "NI_UnitDescription", "Unit"].iter().find_map(|key| match channel.properties.get(*key) {
-            Some(Property::Text(text)) if !text.is_empty() => Some(text.clone()),
-            _ => None,
-        });
-        let short = name.rsplit("'/'").next().unwrap_or(&name).trim_matches(['/', '\'']).to_owned();
+        let unit = ["unit_string", "NI_UnitDescription", "Unit"]
+            .iter()
+            .find_map(|key| match channel.properties.get(*key) {
+                Some(Property::Text(text)) if !text.is_empty() => Some(text.clone()),
+                _ => None,
+            });
+        let short = name
+            .rsplit("'/'")
+            .next()
+            .unwrap_or(&name)
+            .trim_matches(['/', '\''])
+            .to_owned();
         let called = unit.map_or(short.clone(), |unit| format!("{short} [{unit}]"));
         arrays.push((called, scaled(place, &short, &channel)?));
     }
@@ -129,7 +162,12 @@ fn kind_of(code: u32) -> Option<FileKind> {
     })
 }
 
-fn metadata(mut file: Bytes, channels: &mut BTreeMap<String, Channel>, names: &mut Vec<String>, active: &mut Vec<String>) -> Result<()> {
+fn metadata(
+    mut file: Bytes,
+    channels: &mut BTreeMap<String, Channel>,
+    names: &mut Vec<String>,
+    active: &mut Vec<String>,
+) -> Result<()> {
     for _ in 0..file.u32("the number of objects")? {
         let path = string(&mut file, "the path of an object")?;
         if !channels.contains_key(&path) {
@@ -148,13 +186,19 @@ fn metadata(mut file: Bytes, channels: &mut BTreeMap<String, Channel>, names: &m
                     active.push(path.clone());
                 }
             }
-            0x1269 | 0x1369 => return file.wrong(format!("{path} holds raw data of DAQmx, which are not read; export numbers")),
+            0x1269 | 0x1369 => {
+                return file.wrong(format!(
+                    "{path} holds raw data of DAQmx, which are not read; export numbers"
+                ));
+            }
             _ => {
                 let code = file.u32("the type of raw data")?;
                 let dimension = file.u32("the dimension of raw data")?;
                 let values = file.u64("the number of values")?;
                 if dimension != 1 {
-                    return file.wrong(format!("{path} has dimension {dimension}; expected 1, is the file damaged?"));
+                    return file.wrong(format!(
+                        "{path} has dimension {dimension}; expected 1, is the file damaged?"
+                    ));
                 }
                 if code == STRING {
                     file.u64("the size of strings")?;
@@ -185,32 +229,56 @@ fn property(file: &mut Bytes) -> Result<Property> {
         (TIMESTAMP, _) => file.take(16, "a time").map(|_| Property::Other),
         (_, Some(kind)) => {
             let big_endian = file.is_big_endian();
-            Ok(Property::Number(kind.number(file.take(kind.size(), "a property")?, big_endian)))
+            Ok(Property::Number(
+                kind.number(file.take(kind.size(), "a property")?, big_endian),
+            ))
         }
         (0x0008_000c, _) => file.take(8, "a property").map(|_| Property::Other),
         (0x0010_000d, _) => file.take(16, "a property").map(|_| Property::Other),
         (0, _) => Ok(Property::Other),
-        _ => file.wrong(format!("a property of the unknown type {code:#x}; is the file damaged?")),
+        _ => file.wrong(format!(
+            "a property of the unknown type {code:#x}; is the file damaged?"
+        )),
     }
 }
 
 /// The values of one segment: chunks of all channels one after the other, or of one value of each.
-fn raw_data(place: &str, start: usize, raw: &[u8], flags: u32, active: &[String], channels: &mut BTreeMap<String, Channel>) -> Result<()> {
-    let layouts: Vec<(&String, Layout)> = active.iter().filter_map(|path| Some((path, channels.get(path)?.layout?))).collect();
+fn raw_data(
+    place: &str,
+    start: usize,
+    raw: &[u8],
+    flags: u32,
+    active: &[String],
+    channels: &mut BTreeMap<String, Channel>,
+) -> Result<()> {
+    let layouts: Vec<(&String, Layout)> = active
+        .iter()
+        .filter_map(|path| Some((path, channels.get(path)?.layout?)))
+        .collect();
     let big_endian = flags & BIG_ENDIAN != 0;
     let size_of = |layout: &Layout| layout.values.checked_mul(layout.kind.size());
-    let chunk = layouts.iter().try_fold(0_usize, |sum, (_, layout)| sum.checked_add(size_of(layout)?));
+    let chunk = layouts.iter().try_fold(0_usize, |sum, (_, layout)| {
+        sum.checked_add(size_of(layout)?)
+    });
     let Some(chunk) = chunk.filter(|chunk| *chunk > 0) else {
         return Err(Error::new(
             place,
-            format!("byte {start}: a segment holds raw data, but no channel says how many; is the file damaged?"),
+            format!(
+                "byte {start}: a segment holds raw data, but no channel says how many; is the file damaged?"
+            ),
         ));
     };
-    let layouts: Vec<(String, Layout)> = layouts.into_iter().map(|(path, layout)| (path.clone(), layout)).collect();
+    let layouts: Vec<(String, Layout)> = layouts
+        .into_iter()
+        .map(|(path, layout)| (path.clone(), layout))
+        .collect();
     if !raw.len().is_multiple_of(chunk) && flags & INTERLEAVED == 0 {
         return Err(Error::new(
             place,
-            format!("byte {start}: a segment has {} bytes of raw data; expected whole chunks of {chunk}, is the file cut off?", raw.len()),
+            format!(
+                "byte {start}: a segment has {} bytes of raw data; expected whole chunks of {chunk}, is the file cut off?",
+                raw.len()
+            ),
         ));
     }
     if flags & INTERLEAVED != 0 {
@@ -220,7 +288,11 @@ fn raw_data(place: &str, start: usize, raw: &[u8], flags: u32, active: &[String]
             for (path, layout) in &layouts {
                 let size = layout.kind.size();
                 let number = layout.kind.number(&values[at..at + size], big_endian);
-                channels.entry(path.clone()).or_default().values.push(number);
+                channels
+                    .entry(path.clone())
+                    .or_default()
+                    .values
+                    .push(number);
                 at += size;
             }
         }
@@ -230,7 +302,11 @@ fn raw_data(place: &str, start: usize, raw: &[u8], flags: u32, active: &[String]
         let mut at = 0;
         for (path, layout) in &layouts {
             let size = layout.values * layout.kind.size();
-            channels.entry(path.clone()).or_default().values.extend(layout.kind.numbers(&chunk[at..at + size], big_endian));
+            channels
+                .entry(path.clone())
+                .or_default()
+                .values
+                .extend(layout.kind.numbers(&chunk[at..at + size], big_endian));
             at += size;
         }
     }
@@ -245,19 +321,43 @@ fn scaled(place: &str, name: &str, channel: &Channel) -> Result<Vec<f64>> {
     };
     let mut values = channel.values.clone();
     let is_unscaled = matches!(channel.properties.get("NI_Scaling_Status"), Some(Property::Text(text)) if text == "unscaled");
-    let scales = number("NI_Number_Of_Scales".into()).filter(|_| is_unscaled).unwrap_or(0.0).clamp(0.0, 16.0) as usize;
+    let scales = number("NI_Number_Of_Scales".into())
+        .filter(|_| is_unscaled)
+        .unwrap_or(0.0)
+        .clamp(0.0, 16.0) as usize;
     for i in 0..scales {
-        let Some(Property::Text(kind)) = channel.properties.get(&format!("NI_Scale[{i}]_Scale_Type")) else { continue };
+        let Some(Property::Text(kind)) =
+            channel.properties.get(&format!("NI_Scale[{i}]_Scale_Type"))
+        else {
+            continue;
+        };
         let coefficients: Vec<f64> = match kind.as_str() {
-            "Linear" => ["Linear_Y_Intercept", "Linear_Slope"].iter().filter_map(|key| number(format!("NI_Scale[{i}]_{key}"))).collect(),
+            "Linear" => ["Linear_Y_Intercept", "Linear_Slope"]
+                .iter()
+                .filter_map(|key| number(format!("NI_Scale[{i}]_{key}")))
+                .collect(),
             "Polynomial" => {
-                let size = number(format!("NI_Scale[{i}]_Polynomial_Coefficients_Size")).unwrap_or(4.0).clamp(0.0, 32.0) as usize;
-                (0..size).filter_map(|c| number(format!("NI_Scale[{i}]_Polynomial_Coefficients[{c}]"))).collect()
+                let size = number(format!("NI_Scale[{i}]_Polynomial_Coefficients_Size"))
+                    .unwrap_or(4.0)
+                    .clamp(0.0, 32.0) as usize;
+                (0..size)
+                    .filter_map(|c| number(format!("NI_Scale[{i}]_Polynomial_Coefficients[{c}]")))
+                    .collect()
             }
-            _ => return Err(Error::new(place, format!("channel `{name}` has a scale of kind {kind}; expected Linear or Polynomial"))),
+            _ => {
+                return Err(Error::new(
+                    place,
+                    format!(
+                        "channel `{name}` has a scale of kind {kind}; expected Linear or Polynomial"
+                    ),
+                ));
+            }
         };
         for value in &mut values {
-            *value = coefficients.iter().rev().fold(0.0, |sum, c| sum * *value + c);
+            *value = coefficients
+                .iter()
+                .rev()
+                .fold(0.0, |sum, c| sum * *value + c);
         }
     }
     Ok(values)

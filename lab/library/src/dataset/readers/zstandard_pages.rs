@@ -21,20 +21,31 @@ pub struct ZstandardPages(SerializedPageReader<Bytes>);
 impl ZstandardPages {
     /// The pages of one column of one group of `rows` rows.
     pub fn of(file: &Arc<Bytes>, chunk: &ColumnChunkMetaData, rows: usize) -> Result<Self> {
-        let as_it_stands = chunk.clone().into_builder().set_compression(Compression::UNCOMPRESSED).build()?;
+        let as_it_stands = chunk
+            .clone()
+            .into_builder()
+            .set_compression(Compression::UNCOMPRESSED)
+            .build()?;
         SerializedPageReader::new(Arc::clone(file), &as_it_stands, rows, None).map(Self)
     }
 }
 
 /// The bytes with all but the first `plain` unpacked.
 fn unpacked(bytes: &Bytes, plain: usize) -> Result<Bytes> {
-    let wrong = |e: &dyn std::fmt::Display| ParquetError::General(format!("a page compressed by Zstandard: {e}"));
-    let (before, packed) = bytes.split_at_checked(plain).ok_or_else(|| wrong(&"is cut off"))?;
+    let wrong = |e: &dyn std::fmt::Display| {
+        ParquetError::General(format!("a page compressed by Zstandard: {e}"))
+    };
+    let (before, packed) = bytes
+        .split_at_checked(plain)
+        .ok_or_else(|| wrong(&"is cut off"))?;
     let mut out = before.to_vec();
     // A page without values has nothing to unpack.
     if !packed.is_empty() {
         let decoder = ruzstd::decoding::StreamingDecoder::new(packed).map_err(|e| wrong(&e))?;
-        let read = decoder.take(PAGE_MAX).read_to_end(&mut out).map_err(|e| wrong(&e))?;
+        let read = decoder
+            .take(PAGE_MAX)
+            .read_to_end(&mut out)
+            .map_err(|e| wrong(&e))?;
         if read as u64 == PAGE_MAX {
             return Err(wrong(&format_args!("is larger than {PAGE_MAX} bytes")));
         }
@@ -44,12 +55,25 @@ fn unpacked(bytes: &Bytes, plain: usize) -> Result<Bytes> {
 
 impl PageReader for ZstandardPages {
     fn get_next_page(&mut self) -> Result<Option<Page>> {
-        let Some(mut page) = self.0.get_next_page()? else { return Ok(None) };
+        let Some(mut page) = self.0.get_next_page()? else {
+            return Ok(None);
+        };
         match &mut page {
-            Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. } => *buf = unpacked(buf, 0)?,
+            Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. } => {
+                *buf = unpacked(buf, 0)?
+            }
             // Levels stand before the values and are never compressed.
-            Page::DataPageV2 { buf, def_levels_byte_len, rep_levels_byte_len, is_compressed, .. } if *is_compressed => {
-                *buf = unpacked(buf, *def_levels_byte_len as usize + *rep_levels_byte_len as usize)?;
+            Page::DataPageV2 {
+                buf,
+                def_levels_byte_len,
+                rep_levels_byte_len,
+                is_compressed,
+                ..
+            } if *is_compressed => {
+                *buf = unpacked(
+                    buf,
+                    *def_levels_byte_len as usize + *rep_levels_byte_len as usize,
+                )?;
             }
             Page::DataPageV2 { .. } => {}
         }

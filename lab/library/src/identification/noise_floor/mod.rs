@@ -85,7 +85,13 @@ pub struct FloorEstimate {
 
 impl FloorEstimate {
     fn new(evidence: FloorEvidence, records: Vec<String>, rms_um: f64, samples: usize) -> Self {
-        Self { basis: evidence.words(&records), evidence, records, rms_um, std_um: rms_um / (2.0 * samples.max(1) as f64).sqrt() }
+        Self {
+            basis: evidence.words(&records),
+            evidence,
+            records,
+            rms_um,
+            std_um: rms_um / (2.0 * samples.max(1) as f64).sqrt(),
+        }
     }
 }
 
@@ -130,7 +136,11 @@ impl NoiseFloor {
     /// noise, and that of slow noise from record to record.
     #[must_use]
     pub fn relative_std(&self) -> f64 {
-        let white = self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um);
+        let white = self
+            .estimates
+            .first()
+            .filter(|e| e.rms_um > 0.0)
+            .map_or(0.0, |e| e.std_um / e.rms_um);
         white.hypot(self.one_over_f_relative_std)
     }
 
@@ -147,42 +157,96 @@ impl NoiseFloor {
     ///
     /// `explained` times the floor is what a model leaves that explains everything.
     #[must_use]
-    pub fn beside(&self, model: &Model, left_um: &[Option<f64>], explained: f64, dataset: &Dataset) -> Option<Self> {
+    pub fn beside(
+        &self,
+        model: &Model,
+        left_um: &[Option<f64>],
+        explained: f64,
+        dataset: &Dataset,
+    ) -> Option<Self> {
         let read_back = self.read_back?;
-        let made_um: Vec<f64> =
-            parallel::map(&dataset.records, |record| if record.role == Role::Noise { 0.0 } else { read_back.response_um(model, record) });
+        let made_um: Vec<f64> = parallel::map(&dataset.records, |record| {
+            if record.role == Role::Noise {
+                0.0
+            } else {
+                read_back.response_um(model, record)
+            }
+        });
         let judged = |um: &[Option<f64>]| over_judging(dataset, um);
         let made: Vec<Option<f64>> = made_um.iter().copied().map(Some).collect();
-        let (left, made, readings) = (judged(left_um)?, judged(&made)?, judged(&self.of_readings_um));
+        let (left, made, readings) = (
+            judged(left_um)?,
+            judged(&made)?,
+            judged(&self.of_readings_um),
+        );
         let more_than_made = left > LEAVES_WHAT_IT_MAKES * made;
-        let speaks_for_it = || readings.is_some_and(|readings| made > readings && left < explained * made.hypot(readings));
+        let speaks_for_it = || {
+            readings
+                .is_some_and(|readings| made > readings && left < explained * made.hypot(readings))
+        };
         let counts = match read_back.known {
             // What the stage followed as well is no noise of the column.
             DriveNoiseEvidence::Seen => more_than_made,
-            DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } if more_than_made && speaks_for_it() => true,
+            DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. }
+                if more_than_made && speaks_for_it() =>
+            {
+                true
+            }
             // Of a drive that was commanded in these steps, all of it would be an effect: a warning reports
             // it, and the floor stays.
-            DriveNoiseEvidence::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
-                return Some(Self { warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))), ..self.clone() });
+            DriveNoiseEvidence::Steps { step_v }
+                if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made =>
+            {
+                return Some(Self {
+                    warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))),
+                    ..self.clone()
+                });
             }
             DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } => return None,
         };
-        Some(self.with_drive_noise(dataset, read_back, |i| if counts { made_um[i] } else { 0.0 }))
+        Some(self.with_drive_noise(
+            dataset,
+            read_back,
+            |i| if counts { made_um[i] } else { 0.0 },
+        ))
     }
 
     /// The floor where the noise of the drive's column makes so much of each record, um.
-    fn with_drive_noise(&self, dataset: &Dataset, read_back: ReadBack, made_um: impl Fn(usize) -> f64) -> Self {
-        let with = |(i, readings): (usize, &Option<f64>)| readings.map(|readings_um: f64| readings_um.hypot(made_um(i)));
-        let of_records_um: Vec<Option<f64>> = self.of_readings_um.iter().enumerate().map(with).collect();
+    fn with_drive_noise(
+        &self,
+        dataset: &Dataset,
+        read_back: ReadBack,
+        made_um: impl Fn(usize) -> f64,
+    ) -> Self {
+        let with = |(i, readings): (usize, &Option<f64>)| {
+            readings.map(|readings_um: f64| readings_um.hypot(made_um(i)))
+        };
+        let of_records_um: Vec<Option<f64>> =
+            self.of_readings_um.iter().enumerate().map(with).collect();
         let rms_um = over_judging(dataset, &of_records_um);
         let readings_um = over_judging(dataset, &self.of_readings_um).unwrap_or(0.0);
-        let made_um = rms_um.map_or(0.0, |rms_um| (rms_um * rms_um - readings_um * readings_um).max(0.0).sqrt());
-        let warnings = self.warnings_and((made_um > DRIVE_NOISE_MATTERS * readings_um).then(|| read_back.words(made_um)));
-        Self { rms_um, of_records_um, warnings, ..self.clone() }
+        let made_um = rms_um.map_or(0.0, |rms_um| {
+            (rms_um * rms_um - readings_um * readings_um)
+                .max(0.0)
+                .sqrt()
+        });
+        let warnings = self.warnings_and(
+            (made_um > DRIVE_NOISE_MATTERS * readings_um).then(|| read_back.words(made_um)),
+        );
+        Self {
+            rms_um,
+            of_records_um,
+            warnings,
+            ..self.clone()
+        }
     }
 
     fn warnings_and(&self, of_the_drive: Option<String>) -> Vec<String> {
-        self.of_readings_warnings.iter().cloned().chain(of_the_drive).collect()
+        self.of_readings_warnings
+            .iter()
+            .cloned()
+            .chain(of_the_drive)
+            .collect()
     }
 }
 
@@ -209,34 +273,70 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let step_um = reading_step_um(dataset);
     let span_v = dataset.drive_max_v - dataset.drive_min_v;
     let taking_part = |r: &&Record| r.role != Role::Test;
-    let driven: Vec<&Record> = dataset.records.iter().filter(taking_part).filter(|r| r.role != Role::Noise).collect();
-    let rests: Vec<AtRest> = dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um)).collect();
-    let holds: Vec<AtRest> = driven.iter().filter_map(|r| rest::of_hold(r, step_um)).collect();
+    let driven: Vec<&Record> = dataset
+        .records
+        .iter()
+        .filter(taking_part)
+        .filter(|r| r.role != Role::Noise)
+        .collect();
+    let rests: Vec<AtRest> = dataset
+        .records
+        .iter()
+        .filter(|r| r.role == Role::Noise)
+        .map(|r| rest::of_record(r, step_um))
+        .collect();
+    let holds: Vec<AtRest> = driven
+        .iter()
+        .filter_map(|r| rest::of_hold(r, step_um))
+        .collect();
     let still = || rests.iter().chain(&holds);
     let lines_at_rest = LinesAtRest {
-        lines_hz: still().flat_map(|one| one.lines_hz.iter().copied()).collect(),
-        samples: still().filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ).map(|one| one.samples).max().unwrap_or(0),
+        lines_hz: still()
+            .flat_map(|one| one.lines_hz.iter().copied())
+            .collect(),
+        samples: still()
+            .filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ)
+            .map(|one| one.samples)
+            .max()
+            .unwrap_or(0),
     };
     let one_over_f = rests.first().and_then(|rest| rest.one_over_f);
     let mut estimates: Vec<FloorEstimate> = rests.into_iter().map(|rest| rest.estimate).collect();
-    let mut repeats: Vec<Repeated> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
+    let mut repeats: Vec<Repeated> = driven
+        .iter()
+        .filter_map(|r| repetition::of_periods(r, span_v))
+        .collect();
     repeats.extend(repetition::of_pairs(dataset));
-    let read_back = ReadBack::of(dataset, repeats.iter().map(|r| r.drive_noise_v).fold(0.0, f64::max));
+    let read_back = ReadBack::of(
+        dataset,
+        repeats.iter().map(|r| r.drive_noise_v).fold(0.0, f64::max),
+    );
     let mut repeated: Vec<FloorEstimate> = repeats.into_iter().map(|r| r.estimate).collect();
     if let Some(step_um) = step_um {
-        repeated.iter_mut().for_each(|e| e.rms_um = noise_between_repeats_um(e.rms_um, step_um));
+        repeated
+            .iter_mut()
+            .for_each(|e| e.rms_um = noise_between_repeats_um(e.rms_um, step_um));
     }
     estimates.extend(repeated);
     estimates.extend(holds.into_iter().map(|hold| hold.estimate));
     let gain_um_v = dataset.overview().gain_um_v;
-    let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
+    let bounds: Vec<FloorEstimate> = driven
+        .iter()
+        .filter_map(|r| high_band::of_record(r, gain_um_v))
+        .collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
     let of_records_um: Vec<Option<f64>> = dataset
         .records
         .iter()
-        .map(|r| one_over_f.map(|one_over_f| one_over_f.in_record_um(r)).or_else(|| of_record(r, &estimates)))
+        .map(|r| {
+            one_over_f
+                .map(|one_over_f| one_over_f.in_record_um(r))
+                .or_else(|| of_record(r, &estimates))
+        })
         .collect();
-    let judged = driven.iter().map(|r| one_over_f.map_or(0.0, |one_over_f| one_over_f.relative_std(r)));
+    let judged = driven
+        .iter()
+        .map(|r| one_over_f.map_or(0.0, |one_over_f| one_over_f.relative_std(r)));
     let one_over_f_relative_std = judged.fold(0.0, f64::max);
     let rms_um = over_judging(dataset, &of_records_um);
     let mut warnings = disagreements(&estimates);
@@ -251,8 +351,14 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     warnings.extend(rms_um.filter(|rms_um| *rms_um < LEAST_NOISE_UM).map(|rms_um| {
         format!("the noise is {:.2e} nm, less than any sensor has: are the readings simulated, filtered, or in another unit?", 1e3 * rms_um)
     }));
-    let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
-    let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
+    let matters = |step: &f64| {
+        rms_um.is_some_and(|rms_um| {
+            rounding_noise(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um
+        })
+    };
+    let basis = estimates
+        .first()
+        .map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
     let reading_step_um = step_um.filter(matters);
     estimates.extend(bounds);
     let of_readings_um = of_records_um.clone();
@@ -274,7 +380,9 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     // A model follows what was read of the drive; the stage followed the drive. Before there is a model, by
     // the gain.
     match read_back.filter(|r| r.known == DriveNoiseEvidence::Seen) {
-        Some(read_back) => floor.with_drive_noise(dataset, read_back, |_| read_back.noise_v * gain_um_v.abs()),
+        Some(read_back) => {
+            floor.with_drive_noise(dataset, read_back, |_| read_back.noise_v * gain_um_v.abs())
+        }
         None => floor,
     }
 }
@@ -282,9 +390,16 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
 /// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that
 /// any record shows.
 fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
-    let rest = estimates.iter().find(|e| e.evidence == FloorEvidence::RestRecord);
-    let own = || estimates.iter().filter(|e| e.records.contains(&record.name));
-    let least = |all: &mut dyn Iterator<Item = &FloorEstimate>| all.map(|e| e.rms_um).reduce(f64::min);
+    let rest = estimates
+        .iter()
+        .find(|e| e.evidence == FloorEvidence::RestRecord);
+    let own = || {
+        estimates
+            .iter()
+            .filter(|e| e.records.contains(&record.name))
+    };
+    let least =
+        |all: &mut dyn Iterator<Item = &FloorEstimate>| all.map(|e| e.rms_um).reduce(f64::min);
     rest.map(|e| e.rms_um)
         .or_else(|| least(&mut own().filter(|e| e.evidence.under_drive())))
         .or_else(|| least(&mut own()))
@@ -293,10 +408,18 @@ fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
 
 /// The RMS over all records that are fitted or judge.
 fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64> {
-    let judging = dataset.records.iter().zip(of_records_um).filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
+    let judging = dataset
+        .records
+        .iter()
+        .zip(of_records_um)
+        .filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
     let (sum, count) = judging.fold((Some(0.0), 0.0), |(sum, count), (record, floor)| {
         let samples = record.counted().count() as f64;
-        (sum.zip(*floor).map(|(sum, floor)| sum + samples * floor * floor), count + samples)
+        (
+            sum.zip(*floor)
+                .map(|(sum, floor)| sum + samples * floor * floor),
+            count + samples,
+        )
     });
     sum.filter(|_| count > 0.0).map(|sum| (sum / count).sqrt())
 }
@@ -305,21 +428,42 @@ fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64>
 const LEAST_NOISE_UM: f64 = 1e-6;
 
 fn disagreements(estimates: &[FloorEstimate]) -> Vec<String> {
-    let Some((first, others)) = estimates.split_first() else { return Vec::new() };
-    let differs = |e: &&FloorEstimate| e.rms_um > AGREEMENT * first.rms_um || e.rms_um < first.rms_um / AGREEMENT;
-    let repeats_less_well = |e: &&FloorEstimate| match (first.evidence.under_drive(), e.evidence.under_drive()) {
-        (true, false) => e.rms_um < first.rms_um,
-        (false, true) => e.rms_um > first.rms_um,
-        _ => false,
+    let Some((first, others)) = estimates.split_first() else {
+        return Vec::new();
     };
+    let differs = |e: &&FloorEstimate| {
+        e.rms_um > AGREEMENT * first.rms_um || e.rms_um < first.rms_um / AGREEMENT
+    };
+    let repeats_less_well =
+        |e: &&FloorEstimate| match (first.evidence.under_drive(), e.evidence.under_drive()) {
+            (true, false) => e.rms_um < first.rms_um,
+            (false, true) => e.rms_um > first.rms_um,
+            _ => false,
+        };
     let (of_the_stage, of_anything): (Vec<&FloorEstimate>, Vec<&FloorEstimate>) =
         others.iter().filter(differs).partition(repeats_less_well);
     let said = |these: &[&FloorEstimate], why: &str| {
-        let each: Vec<String> = these.iter().map(|e| format!("from {} {:.2} nm", e.basis, 1e3 * e.rms_um)).collect();
-        (!each.is_empty()).then(|| format!("the floor from {} is {:.2} nm, {}: {why}", first.basis, 1e3 * first.rms_um, each.join(", ")))
+        let each: Vec<String> = these
+            .iter()
+            .map(|e| format!("from {} {:.2} nm", e.basis, 1e3 * e.rms_um))
+            .collect();
+        (!each.is_empty()).then(|| {
+            format!(
+                "the floor from {} is {:.2} nm, {}: {why}",
+                first.basis,
+                1e3 * first.rms_um,
+                each.join(", ")
+            )
+        })
     };
-    let stage = said(&of_the_stage, "the stage repeats itself less well than its sensor reads");
-    stage.into_iter().chain(said(&of_anything, "they disagree")).collect()
+    let stage = said(
+        &of_the_stage,
+        "the stage repeats itself less well than its sensor reads",
+    );
+    stage
+        .into_iter()
+        .chain(said(&of_anything, "they disagree"))
+        .collect()
 }
 
 fn declared_step(dataset: &Dataset, step_um: Option<f64>) -> Option<String> {
@@ -340,8 +484,11 @@ mod tests {
     /// Two drives that repeat, one of them badly: each record has the floor that its own repeats show.
     #[test]
     fn records_that_repeat_differently_have_different_floors() {
-        let drive =
-            |slow: f64| -> Vec<f64> { (0..4000).map(|k| 20.0 * (slow * k as f64).sin() + 3.0 * (2.7 * slow * k as f64).cos()).collect() };
+        let drive = |slow: f64| -> Vec<f64> {
+            (0..4000)
+                .map(|k| 20.0 * (slow * k as f64).sin() + 3.0 * (2.7 * slow * k as f64).cos())
+                .collect()
+        };
         let record = |name: &str, drive: Vec<f64>, rms_um: f64, seed| {
             let mut noise = hysteron_sim::noise::WhiteNoise::new(rms_um, seed);
             let reading = drive.iter().map(|u| 0.1 * u + noise.next_um()).collect();
@@ -355,8 +502,15 @@ mod tests {
             record("c", drive(0.0231), 0.002, 5),
         ];
         let floor = noise_floor(&Dataset::new("d", -30.0, 30.0, records).unwrap());
-        for (found, true_um) in floor.of_records_um.iter().zip([0.002, 0.002, 0.03, 0.03, 0.002]) {
-            assert!((found.unwrap() / true_um - 1.0).abs() < 0.06, "{found:?} {true_um}");
+        for (found, true_um) in floor
+            .of_records_um
+            .iter()
+            .zip([0.002, 0.002, 0.03, 0.03, 0.002])
+        {
+            assert!(
+                (found.unwrap() / true_um - 1.0).abs() < 0.06,
+                "{found:?} {true_um}"
+            );
         }
         assert!((floor.at_least_um.unwrap() / 0.002 - 1.0).abs() < 0.06);
     }

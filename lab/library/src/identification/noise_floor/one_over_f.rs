@@ -58,7 +58,11 @@ impl OneOverFNoise {
         let (first_hz, last_hz) = (power.first()?.0, power.last()?.0);
         // The white part that fits beside a corner, and twice the negative logarithm of the likelihood.
         let fitted = |corner_hz: f64| -> (f64, f64) {
-            let white = power.iter().map(|(f, p)| p / (1.0 + corner_hz / f)).sum::<f64>() / power.len() as f64;
+            let white = power
+                .iter()
+                .map(|(f, p)| p / (1.0 + corner_hz / f))
+                .sum::<f64>()
+                / power.len() as f64;
             let shape: f64 = power.iter().map(|(f, _)| (1.0 + corner_hz / f).ln()).sum();
             (white, 2.0 * (power.len() as f64 * white.ln() + shape))
         };
@@ -67,13 +71,15 @@ impl OneOverFNoise {
         let mut corner_hz = corners.min_by(|a, b| fitted(*a).1.total_cmp(&fitted(*b).1))?;
         let mut width = ratio.sqrt();
         for _ in 0..REFINEMENTS {
-            corner_hz =
-                [corner_hz / width, corner_hz, corner_hz * width].into_iter().min_by(|a, b| fitted(*a).1.total_cmp(&fitted(*b).1))?;
+            corner_hz = [corner_hz / width, corner_hz, corner_hz * width]
+                .into_iter()
+                .min_by(|a, b| fitted(*a).1.total_cmp(&fitted(*b).1))?;
             width = width.sqrt();
         }
         let (white, deviance) = fitted(corner_hz);
         // How sharply the likelihood falls beside its summit.
-        let beside = fitted(corner_hz * ASIDE.exp()).1 + fitted(corner_hz / ASIDE.exp()).1 - 2.0 * deviance;
+        let beside =
+            fitted(corner_hz * ASIDE.exp()).1 + fitted(corner_hz / ASIDE.exp()).1 - 2.0 * deviance;
         (fitted(0.0).1 - deviance > BEYOND_CHANCE && beside > 0.0).then(|| Self {
             power_relative_std: (2.0 * ASIDE * ASIDE / beside).sqrt(),
             white_um: white.sqrt(),
@@ -90,7 +96,8 @@ impl OneOverFNoise {
     /// RMS of the noise in a record, um: the same sensor, read for longer.
     #[must_use]
     pub fn in_record_um(&self, record: &Record) -> f64 {
-        (self.white_um.powi(2) + self.falling_um2(record.window.len() as f64 * record.dt_s())).sqrt()
+        (self.white_um.powi(2) + self.falling_um2(record.window.len() as f64 * record.dt_s()))
+            .sqrt()
     }
 
     /// Standard deviation of that RMS as a share of it: of its estimate, and from one record to another,
@@ -99,7 +106,8 @@ impl OneOverFNoise {
     pub fn relative_std(&self, record: &Record) -> f64 {
         let falling_um2 = self.falling_um2(record.window.len() as f64 * record.dt_s());
         let between_records_um2 = self.at_1_hz_um.powi(2) * SCATTER_OF_LINES.sqrt();
-        0.5 * between_records_um2.hypot(self.power_relative_std * falling_um2) / self.in_record_um(record).powi(2)
+        0.5 * between_records_um2.hypot(self.power_relative_std * falling_um2)
+            / self.in_record_um(record).powi(2)
     }
 }
 
@@ -112,8 +120,13 @@ mod tests {
     const RATE_HZ: f64 = 2000.0;
 
     fn noise(at_1_hz_um: f64, white_um: f64, samples: usize, seed: u64) -> Vec<f64> {
-        let (mut slow, mut white) = (FlickerNoise::new(at_1_hz_um, RATE_HZ, seed), WhiteNoise::new(white_um, 1000 + seed));
-        let mut values: Vec<f64> = (0..samples).map(|_| slow.next_um() + white.next_um()).collect();
+        let (mut slow, mut white) = (
+            FlickerNoise::new(at_1_hz_um, RATE_HZ, seed),
+            WhiteNoise::new(white_um, 1000 + seed),
+        );
+        let mut values: Vec<f64> = (0..samples)
+            .map(|_| slow.next_um() + white.next_um())
+            .collect();
         let mean = mean(&values);
         values.iter_mut().for_each(|v| *v -= mean);
         values
@@ -122,7 +135,11 @@ mod tests {
     #[test]
     fn white_noise_is_white() {
         for seed in 0..40 {
-            assert_eq!(OneOverFNoise::of_rest(&noise(0.0, 0.004, 4000, seed), RATE_HZ), None, "{seed}");
+            assert_eq!(
+                OneOverFNoise::of_rest(&noise(0.0, 0.004, 4000, seed), RATE_HZ),
+                None,
+                "{seed}"
+            );
         }
     }
 
@@ -132,7 +149,9 @@ mod tests {
         for seed in 0..20 {
             let tau_samples = 4000.0 * [0.3, 1.0, 3.0][seed as usize % 3];
             let white = noise(0.0, 0.004, 4000, seed);
-            let drifting: Vec<f64> = (white.iter().enumerate()).map(|(k, v)| v + 0.5 * (-(k as f64) / tau_samples).exp()).collect();
+            let drifting: Vec<f64> = (white.iter().enumerate())
+                .map(|(k, v)| v + 0.5 * (-(k as f64) / tau_samples).exp())
+                .collect();
             let residual = super::super::random_part::random(&drifting, RATE_HZ, None).residual;
             assert_eq!(OneOverFNoise::of_rest(&residual, RATE_HZ), None, "{seed}");
         }
@@ -143,21 +162,41 @@ mod tests {
     fn what_a_rest_shows_holds_in_longer_records() {
         let (mut densities, mut ratios) = (Vec::new(), Vec::new());
         for seed in 0..20 {
-            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it has 1/f noise");
+            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ)
+                .expect("it has 1/f noise");
             densities.push(found.at_1_hz_um);
             let long = noise(0.001, 0.004, 40_000, 500 + seed);
             let rms_um = rms(&long);
-            ratios.push(found.in_record_um(&Record::new("long", RATE_HZ, vec![0.0; 40_000], long)) / rms_um);
+            ratios.push(
+                found.in_record_um(&Record::new("long", RATE_HZ, vec![0.0; 40_000], long)) / rms_um,
+            );
         }
-        assert!((mean(&densities) / 0.001 - 1.0).abs() < 0.1, "{}", mean(&densities));
+        assert!(
+            (mean(&densities) / 0.001 - 1.0).abs() < 0.1,
+            "{}",
+            mean(&densities)
+        );
         assert!((mean(&ratios) - 1.0).abs() < 0.04, "{}", mean(&ratios));
         // As far apart as reported: of twenty, two may be beyond two standard deviations, none beyond three
         // and a half.
         let of_one = |seed: u64| {
-            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it has 1/f noise");
-            found.relative_std(&Record::new("long", RATE_HZ, vec![0.0; 40_000], vec![0.0; 40_000]))
+            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ)
+                .expect("it has 1/f noise");
+            found.relative_std(&Record::new(
+                "long",
+                RATE_HZ,
+                vec![0.0; 40_000],
+                vec![0.0; 40_000],
+            ))
         };
-        let z: Vec<f64> = ratios.iter().zip(0..).map(|(ratio, seed)| (ratio - 1.0) / of_one(seed)).collect();
-        assert!(z.iter().filter(|z| z.abs() > 2.0).count() <= 2 && z.iter().all(|z| z.abs() < 3.5), "{z:?}");
+        let z: Vec<f64> = ratios
+            .iter()
+            .zip(0..)
+            .map(|(ratio, seed)| (ratio - 1.0) / of_one(seed))
+            .collect();
+        assert!(
+            z.iter().filter(|z| z.abs() > 2.0).count() <= 2 && z.iter().all(|z| z.abs() < 3.5),
+            "{z:?}"
+        );
     }
 }

@@ -37,18 +37,32 @@ fn project_out(orthonormal: &[Vec<f64>], column: &mut [f64]) {
 /// Constant, slope, and two powers more over the length of a signal.
 fn drift_columns(samples: usize) -> Vec<Vec<f64>> {
     let x = |k: usize| 2.0 * k as f64 / samples.max(2) as f64 - 1.0;
-    (0..4).map(|power| (0..samples).map(|k| x(k).powi(power)).collect()).collect()
+    (0..4)
+        .map(|power| (0..samples).map(|k| x(k).powi(power)).collect())
+        .collect()
 }
 
 /// RMS of what is random in `signal`, which begins at sample `from` of a record with this force.
-pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> f64 {
+pub(super) fn random_part(
+    signal: &[f64],
+    sample_rate_hz: f64,
+    force_n: Option<(&[f64], usize)>,
+) -> f64 {
     random(signal, sample_rate_hz, force_n).rms
 }
 
 /// The same in a part of a signal whose lines are known: a part may be too short to show them.
-pub(super) fn random_part_beside_lines(signal: &[f64], sample_rate_hz: f64, lines_hz: &[f64]) -> f64 {
+pub(super) fn random_part_beside_lines(
+    signal: &[f64],
+    sample_rate_hz: f64,
+    lines_hz: &[f64],
+) -> f64 {
     let mut columns = drift_columns(signal.len());
-    columns.extend(lines_hz.iter().flat_map(|hz| line_columns(*hz, signal.len(), sample_rate_hz)));
+    columns.extend(
+        lines_hz
+            .iter()
+            .flat_map(|hz| line_columns(*hz, signal.len(), sample_rate_hz)),
+    );
     beside(signal, sample_rate_hz, columns).rms
 }
 
@@ -58,13 +72,23 @@ pub(super) fn lines_hz(signal: &[f64], sample_rate_hz: f64) -> Vec<f64> {
 }
 
 /// What is random in `signal`, and the lines beside it.
-pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> Beside {
+pub(super) fn random(
+    signal: &[f64],
+    sample_rate_hz: f64,
+    force_n: Option<(&[f64], usize)>,
+) -> Beside {
     let n = signal.len();
     let mut columns = drift_columns(n);
     if let Some((force_n, from)) = force_n.filter(|(f, _)| f.iter().any(|v| *v != f[0])) {
-        let taps = ((FORCE_MEMORY_S * sample_rate_hz) as usize).clamp(2, 80).min(n / 20 + 1);
+        let taps = ((FORCE_MEMORY_S * sample_rate_hz) as usize)
+            .clamp(2, 80)
+            .min(n / 20 + 1);
         for lag in 0..taps {
-            columns.push((from..from + n).map(|k| force_n[k.saturating_sub(lag + 1)]).collect());
+            columns.push(
+                (from..from + n)
+                    .map(|k| force_n[k.saturating_sub(lag + 1)])
+                    .collect(),
+            );
         }
     }
     beside(signal, sample_rate_hz, columns)
@@ -73,7 +97,10 @@ pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64
 /// Sine and cosine of a line.
 fn line_columns(frequency_hz: f64, samples: usize, sample_rate_hz: f64) -> [Vec<f64>; 2] {
     let phase = |k: usize| std::f64::consts::TAU * frequency_hz * k as f64 / sample_rate_hz;
-    [(0..samples).map(|k| phase(k).sin()).collect(), (0..samples).map(|k| phase(k).cos()).collect()]
+    [
+        (0..samples).map(|k| phase(k).sin()).collect(),
+        (0..samples).map(|k| phase(k).cos()).collect(),
+    ]
 }
 
 /// What a signal has beside some columns and lines.
@@ -103,7 +130,11 @@ fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside
         lines_hz.push(frequency_hz);
     }
     let rms = rms(&residual) * (n as f64 / n.saturating_sub(basis.len()).max(1) as f64).sqrt();
-    Beside { residual, rms, lines_hz }
+    Beside {
+        residual,
+        rms,
+        lines_hz,
+    }
 }
 
 /// How often a line's frequency is refined: to one part in 10^5 of the resolution. Of a line a thousand times
@@ -118,7 +149,10 @@ const LEAKS_TO: usize = 3;
 fn median_around(power: &[f64], bin: usize) -> f64 {
     let from = (bin * 5 / 8).min(bin.saturating_sub(12)).max(1);
     let to = (bin * 8 / 5).max(bin + 12).min(power.len() - 1);
-    let mut around: Vec<f64> = (from..=to).filter(|other| other.abs_diff(bin) > LEAKS_TO).map(|other| power[other]).collect();
+    let mut around: Vec<f64> = (from..=to)
+        .filter(|other| other.abs_diff(bin) > LEAKS_TO)
+        .map(|other| power[other])
+        .collect();
     around.sort_by(f64::total_cmp);
     around.get(around.len() / 2).copied().unwrap_or(0.0)
 }
@@ -133,7 +167,8 @@ fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
     // Exponentially distributed ordinates: the mean is the median over ln 2.
     let limit = median / std::f64::consts::LN_2 * (power.len() as f64 * 1e4).ln();
     // Noise that rises towards slow lines stands out of the median of all, and not of that of its neighbours.
-    let stands_out = |bin: usize| power[bin] > limit && power[bin] > limit / median * median_around(&power, bin);
+    let stands_out =
+        |bin: usize| power[bin] > limit && power[bin] > limit / median * median_around(&power, bin);
     let candidates = (1..power.len()).filter(|bin| stands_out(*bin));
     let bin = candidates.max_by(|a, b| power[*a].total_cmp(&power[*b]))?;
     // Refine between bins by the strongest projection.
@@ -152,7 +187,10 @@ fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
     let mut width = 0.5 * resolution;
     for _ in 0..REFINED {
         let beside = [best.0 - width, best.0 + width].map(with_strength);
-        best = beside.into_iter().fold(best, |best, other| if other.1 > best.1 { other } else { best });
+        best = beside.into_iter().fold(
+            best,
+            |best, other| if other.1 > best.1 { other } else { best },
+        );
         width *= 0.6;
     }
     Some(best.0)
@@ -168,7 +206,10 @@ pub fn periodogram(values: &[f64]) -> Vec<f64> {
     if transform.process(&mut input, &mut output).is_err() {
         return Vec::new();
     }
-    output.iter().map(|c| c.norm_sqr() / values.len() as f64).collect()
+    output
+        .iter()
+        .map(|c| c.norm_sqr() / values.len() as f64)
+        .collect()
 }
 
 #[cfg(test)]
@@ -178,7 +219,9 @@ mod tests {
     #[test]
     fn hum_and_drift_are_not_noise() {
         let mut noise = hysteron_sim::noise::WhiteNoise::new(0.01, 7);
-        let y: Vec<f64> = (0..5000).map(|k| noise.next_um() + 0.05 * (k as f64 * 0.3143).sin() + 1e-5 * k as f64).collect();
+        let y: Vec<f64> = (0..5000)
+            .map(|k| noise.next_um() + 0.05 * (k as f64 * 0.3143).sin() + 1e-5 * k as f64)
+            .collect();
         assert!((random_part(&y, 1000.0, None) / 0.01 - 1.0).abs() < 0.03);
     }
 }

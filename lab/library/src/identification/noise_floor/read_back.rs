@@ -58,21 +58,36 @@ impl ReadBack {
         let taking_part = || dataset.records.iter().filter(|r| r.role != Role::Test);
         let span_v = dataset.drive_max_v - dataset.drive_min_v;
         let at_rest_v = taking_part().map(rest::drive_noise_v).fold(0.0, f64::max);
-        let seen_v = if at_rest_v > 0.0 { at_rest_v } else { between_repeats_v };
+        let seen_v = if at_rest_v > 0.0 {
+            at_rest_v
+        } else {
+            between_repeats_v
+        };
         if seen_v > 0.0 {
-            return Some(Self { noise_v: seen_v, known: DriveNoiseEvidence::Seen });
+            return Some(Self {
+                noise_v: seen_v,
+                known: DriveNoiseEvidence::Seen,
+            });
         }
         let driven: Vec<&Record> = taking_part().filter(|r| r.role != Role::Noise).collect();
         // One that only stands at a few levels says nothing of its steps.
         let moving = driven.iter().filter(|r| has_levels(&r.drive_v, LEVELS_MIN));
         let steps_v: Option<Vec<f64>> = moving.map(|r| step_v(&r.drive_v)).collect();
         if let Some(step_v) = steps_v.and_then(|steps| steps.into_iter().reduce(f64::max)) {
-            return Some(Self { noise_v: rounding_noise(step_v), known: DriveNoiseEvidence::Steps { step_v } });
+            return Some(Self {
+                noise_v: rounding_noise(step_v),
+                known: DriveNoiseEvidence::Steps { step_v },
+            });
         }
         // A converter that reads one record with noise reads all of them so.
-        let in_band_v = driven.iter().map(|r| high_band::drive_noise_v(r).unwrap_or(0.0)).fold(f64::INFINITY, f64::min);
-        (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v)
-            .then_some(Self { noise_v: in_band_v, known: DriveNoiseEvidence::InItsBand })
+        let in_band_v = driven
+            .iter()
+            .map(|r| high_band::drive_noise_v(r).unwrap_or(0.0))
+            .fold(f64::INFINITY, f64::min);
+        (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v).then_some(Self {
+            noise_v: in_band_v,
+            known: DriveNoiseEvidence::InItsBand,
+        })
     }
 
     /// What to say of it where it makes so much of the readings, um.
@@ -107,12 +122,18 @@ impl ReadBack {
             let mut drive = record.drive();
             drive.drive_v = drive_v;
             drive.force_n = record.force_n.as_deref().map(|f| &f[..end]);
-            let auxiliary: Vec<_> = record.auxiliary.iter().map(|signal| signal.with(|values| values[..end].to_vec())).collect();
+            let auxiliary: Vec<_> = record
+                .auxiliary
+                .iter()
+                .map(|signal| signal.with(|values| values[..end].to_vec()))
+                .collect();
             drive.auxiliary = &auxiliary;
             model.simulate(&drive)
         };
         let (read, again) = (simulate(&read_v), simulate(&again_v));
-        let difference: Vec<f64> = (record.window.start..end).map(|k| again[k] - read[k]).collect();
+        let difference: Vec<f64> = (record.window.start..end)
+            .map(|k| again[k] - read[k])
+            .collect();
         rms(&difference)
     }
 }
@@ -131,7 +152,11 @@ pub(super) fn words_of_steps(step_v: f64, made_um: f64) -> String {
 /// has steps of its own, all of the same size.
 fn step_v(drive_v: &[f64]) -> Option<f64> {
     let step_v = step_of(drive_v)?;
-    let moves: Vec<i64> = drive_v.windows(2).map(|w| ((w[1] - w[0]) / step_v).round().abs() as i64).filter(|steps| *steps > 0).collect();
+    let moves: Vec<i64> = drive_v
+        .windows(2)
+        .map(|w| ((w[1] - w[0]) / step_v).round().abs() as i64)
+        .filter(|steps| *steps > 0)
+        .collect();
     let first = moves.first()?;
     let alike = moves.iter().filter(|steps| *steps == first).count() as f64;
     let straight = alike > ALIKE * moves.len() as f64 && alike > ALIKE * drive_v.len() as f64;
