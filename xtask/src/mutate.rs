@@ -18,9 +18,9 @@ use std::time::{Duration, Instant};
 
 use serde::Deserialize;
 
-use crate::steps::root;
 use crate::test_programs::{self, TestProgram};
 use crate::toolchain::{self, FIRMWARE, Toolchain};
+use crate::workspace::root;
 
 /// Where the emulated tests look for images, when it is not where `cargo xtask firmware` puts them.
 const IMAGES: &str = "HYSTERON_IMAGES";
