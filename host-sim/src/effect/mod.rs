@@ -8,9 +8,11 @@
 //! the model: the initial ascending curve and the rate dependence are properties of the hysteresis stage, a
 //! second mode of the vibration stage.
 
+pub mod activated_switching;
 pub mod amplifier_bandwidth;
 mod arrival;
 pub mod backlash;
+pub mod bias_dependent_gain;
 pub mod bipolar;
 pub mod bouc_wen;
 pub mod charge_leakage;
@@ -75,6 +77,8 @@ pub enum Place {
     Charge,
     /// Drive to force-equivalent displacement.
     Hysteresis,
+    /// Force-equivalent displacement by the state of polarisation.
+    PiezoelectricCoefficient,
     /// External force.
     LoadForce,
     /// Friction of the guide.
@@ -97,13 +101,14 @@ pub enum Place {
 
 impl Place {
     /// All places with the names that files use, in the order of the chain.
-    pub const NAMES: [(&'static str, Place); 15] = [
+    pub const NAMES: [(&'static str, Place); 16] = [
         ("delay", Place::Delay),
         ("amplifier_bandwidth", Place::AmplifierBandwidth),
         ("amplifier_slew", Place::AmplifierSlew),
         ("amplifier_saturation", Place::AmplifierSaturation),
         ("charge", Place::Charge),
         ("hysteresis", Place::Hysteresis),
+        ("piezoelectric_coefficient", Place::PiezoelectricCoefficient),
         ("load_force", Place::LoadForce),
         ("friction", Place::Friction),
         ("vibration", Place::Vibration),
@@ -834,6 +839,8 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(duhem::Duhem),
         Arc::new(polynomial_loop::PolynomialLoop),
         Arc::new(inverse_preisach::InversePreisach),
+        Arc::new(activated_switching::ActivatedSwitching),
+        Arc::new(bias_dependent_gain::BiasDependentGain),
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
