@@ -335,6 +335,10 @@ impl SearchHints for ActivatedSwitching {
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
         super::loops::closed_because(model)
     }
+
+    fn is_tried_for_loops(&self) -> bool {
+        false // three times the values of the surfaces, which can take in other effects
+    }
 }
 
 impl Presentation for ActivatedSwitching {

@@ -5,7 +5,7 @@
 
 use super::{
     Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
+    Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 
@@ -46,7 +46,7 @@ impl Physics for BiasDependentGain {
             place: Place::PiezoelectricCoefficient,
             modifies: None,
             experiment: "the same small loop at several levels, some seconds after each change of level".into(),
-            candidate: true,
+            candidate: false,
             one_sided: false,
         }
     }
@@ -104,10 +104,6 @@ impl Presentation for BiasDependentGain {
 }
 
 impl SyntheticCases for BiasDependentGain {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
     fn values_at(
         &self,
         strength: f64,
