@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::steps::{build_as_tested, built, cargo, root};
 use crate::toolchain;
+use crate::workspace::{build_as_tested, built, cargo, root};
 
 /// The program.
 pub fn program() -> PathBuf {

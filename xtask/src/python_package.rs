@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use crate::dependency_tree::packages;
-use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
+use crate::workspace::{AS_TESTED, build_as_tested, built, cargo, command, emptied, root};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
 /// formats that are read, and the cluster of the example, and what runs a notebook.
@@ -26,15 +26,6 @@ const TOOLS: [&str; 12] = [
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
-}
-
-/// Removes what an earlier run has left.
-fn emptied(folder: &Path) -> Result<(), String> {
-    if folder.exists() {
-        std::fs::remove_dir_all(folder)
-            .map_err(|error| format!("{}: {error}", folder.display()))?;
-    }
-    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
 
 /// Each package with its features.
@@ -75,8 +66,7 @@ pub fn test() -> Result<(), String> {
     print_what_is_built_anew()?;
     build_as_tested()?;
     let tools = kept("python/tools", &TOOLS)?;
-    let wheels = root().join("target/python/wheels");
-    emptied(&wheels)?;
+    let wheels = emptied("python/wheels")?;
     let out = text(&wheels);
     let maturin = [
         "-m",
@@ -167,8 +157,7 @@ pub fn write_notebook() -> Result<(), String> {
 
 /// Library and program on files that the libraries of their formats have just written, whole and damaged.
 pub fn formats() -> Result<(), String> {
-    let folder = root().join("target/python/formats");
-    emptied(&folder)?;
+    let folder = emptied("python/formats")?;
     command(
         &kept("python/tools", &TOOLS)?,
         &["lab/library/tests/formats/make.py", &text(&folder)],

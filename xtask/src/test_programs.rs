@@ -6,7 +6,8 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::steps::{AS_TESTED, cargo, root};
+use crate::cost::{self, Share, Stopwatch};
+use crate::workspace::{AS_TESTED, cargo, root};
 
 /// How many of the slowest tests are printed.
 const SLOWEST: usize = 10;
@@ -27,7 +28,9 @@ pub struct TestProgram {
 /// Builds the tests of the workspace and lists their programs.
 pub fn build() -> Result<Vec<TestProgram>, String> {
     let build = [&["test", "--quiet", "--no-run"], &AS_TESTED[..]].concat();
+    let stopwatch = Stopwatch::start();
     cargo(&build, &root(), &[])?;
+    cost::keep(Share::Part, "building programs and tests", stopwatch.read());
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .args(&build)
         .arg("--message-format=json")
@@ -97,6 +100,7 @@ pub fn run(
             program.target
         );
         println!("   {name}");
+        let stopwatch = Stopwatch::start();
         // The time of each test is an unstable option of the test harness; no compiler sees this variable.
         let mut child = Command::new(&program.executable)
             .args(["-Zunstable-options", "--report-time"])
@@ -117,6 +121,7 @@ pub fn run(
             }
         }
         let status = child.wait().map_err(|error| error.to_string())?;
+        cost::keep(Share::Part, &name, stopwatch.read());
         if !status.success() {
             print!("{others}");
             tally.failed.push(name);
