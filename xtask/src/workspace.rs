@@ -36,6 +36,8 @@ pub const PRODUCT: &[&str] = &[
     "--release",
     "--workspace",
     "--exclude",
+    "hysteron-research",
+    "--exclude",
     "hysteron-tests",
     "--exclude",
     "hysteron-thesis",
