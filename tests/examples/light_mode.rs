@@ -5,8 +5,8 @@
 //!
 //! Models come from the wideband recording and are kept in target/servo_from_data.
 
-use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
+use hysteron::servo::named_scheme::with_scheme;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::light_mode_study::{

@@ -23,7 +23,7 @@ use crate::{
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::servo::commands::SCHEMES;
+use hysteron::servo::named_scheme::SCHEMES;
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron::{Error, Result};
 use std::path::PathBuf;

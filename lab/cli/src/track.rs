@@ -4,12 +4,12 @@ use crate::arguments::Outputs;
 use crate::check::read_design;
 use crate::desk::{Desk, wrong};
 use hysteron::dataset::readers::{self, Hints};
-use hysteron::servo::commands::{self, Work};
 use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::{DriveFigures, TrackResult};
 use hysteron::servo::words;
+use hysteron::servo::work::{self, Work};
 use hysteron::{Error, Result};
 use hysteron_report::TrackPage;
 use serde::Serialize;
@@ -112,9 +112,9 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         added_mass,
     };
     let refused = |m: String| Error::new("", m);
-    let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;
+    let result = work::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;
     let band =
-        commands::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
+        work::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
     let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
     let loaded = if added_mass > 0.0 {
         format!(", {} times the moving mass", 1.0 + added_mass)
@@ -192,7 +192,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
     // A step of its own is on the page already.
     let small_step = match outputs.report.as_ref().filter(|_| result.step.is_none()) {
         Some(_) => Some(
-            commands::follow_step(
+            work::follow_step(
                 &chain,
                 &design,
                 &Work {

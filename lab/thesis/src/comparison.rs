@@ -5,10 +5,11 @@ use crate::bench_runs::{
     Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking,
 };
 use crate::chapter::ChapterRow;
-use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::predictor::Demands;
+use hysteron::servo::named_scheme::with_scheme;
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::tuning::Demands;
 use hysteron_sim::bench::{Bench, Variant};
 use rayon::prelude::*;
 
@@ -86,7 +87,7 @@ pub fn rows_of_designed_schemes(
             continue;
         };
         let radius = design.law().map_or(f64::NAN, |law| {
-            law.spectral_radius(&design.model.linear.sampled(), 1.0, 0)
+            SampledLoop::new(&law, &design.model.linear.sampled()).spectral_radius()
         });
         for hz in FREQUENCIES_HZ {
             jobs.push(Job {

@@ -1,20 +1,22 @@
 //! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains,
 //! and why.
 
+use super::assessment::Assessment;
 use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::gain_adaptation::AdaptationDesign;
+use super::law::PredictorDesign;
 use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel};
-use super::predictor::{
-    Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune,
-};
+use super::predictor::tune;
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
+use super::sampled_loop::frequency_response;
 use super::sensor_lag;
 use super::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains,
     ReachingGains, SlidingModeLaw, regulator,
 };
+use super::tuning::{Demands, PredictorTuning};
 use super::window_fit;
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
@@ -382,7 +384,7 @@ impl ServoDesign {
                 let law = LawParameters::Predictor(
                     self.learning
                         .as_ref()
-                        .map_or(plain.clone(), |l| l.of(&plain))
+                        .map_or(plain.clone(), |l| l.fed_forward(&plain))
                         .quantised()?,
                 );
                 (inverse_or_gain(*hysteresis_inverse)?, law)

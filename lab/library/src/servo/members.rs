@@ -6,7 +6,7 @@
 
 use super::chain_plant::HysteresisChange;
 use super::design::ServoDesign;
-use super::order::UNCONFIRMED;
+use super::known::UNCONFIRMED;
 use super::quantise::QuantisationError;
 use super::reference::Reference;
 use super::robust::{GAIN_SPREAD, ModeSpread};
@@ -137,7 +137,7 @@ fn spread(chain: &Model, effect: &str, frequency: usize) -> ModeSpread {
             })
             .unwrap_or(0.0)
     };
-    let known = ModeSpread::of(relative(frequency), relative(frequency + 1));
+    let known = ModeSpread::from_deviations(relative(frequency), relative(frequency + 1));
     ModeSpread {
         frequency: known.frequency.max(UNCONFIRMED.frequency),
         damping: known.damping.max(UNCONFIRMED.damping),

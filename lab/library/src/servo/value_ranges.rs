@@ -7,8 +7,8 @@
 use super::design::{Scheme, ServoDesign};
 use super::gain_adaptation::{FARTHEST, LARGEST_STEP};
 use super::model::ActuatorModel;
-use super::predictor::PredictorTuning;
 use super::sensor_lag::LARGEST_LAG_PERIODS;
+use super::tuning::PredictorTuning;
 use std::ops::RangeInclusive;
 
 /// A value with its name in the file, and where it may lie.
