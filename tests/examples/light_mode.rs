@@ -80,7 +80,7 @@ fn main() {
             Ok(usual) => {
                 println!("{}", line("usual design", &truth, &usual));
                 for scheme in [
-                    "feedforward-pi",
+                    "pid",
                     "feedforward-pi-notch",
                     "disturbance-observer-inverse",
                     "pidsmoc",

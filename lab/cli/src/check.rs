@@ -58,6 +58,7 @@ pub fn check(wanted: &CheckRequest, reading: &ReadArguments, outputs: &Outputs) 
         data,
         scheme,
     } = *wanted;
+    reading.require_recording(data)?;
     let desk = Desk::new(outputs.force);
     let mut design = read_design(&desk, servo)?;
     if let Some(name) = scheme {

@@ -6,7 +6,7 @@ use crate::bench_runs::{
 };
 use crate::chapter::ChapterRow;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::named_scheme::with_scheme;
+use hysteron::servo::named_scheme::{plain_pi, with_scheme};
 use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron::servo::tuning::Demands;
@@ -108,7 +108,7 @@ pub fn rows_of_designed_schemes(
     rows
 }
 
-/// Names of the schemes of [`rows_of_other_schemes`], as `track --scheme` takes them.
+/// Names of the schemes of [`rows_of_other_schemes`].
 pub const OTHER_SCHEMES: [&str; 7] = [
     "predictor-linear",
     "disturbance-observer",
@@ -137,7 +137,17 @@ pub fn rows_of_other_schemes(
             continue;
         };
         for name in OTHER_SCHEMES {
-            match with_scheme(&c.design, name) {
+            let designed = match name {
+                "feedforward-pi" => plain_pi(&c.design, false).map(|scheme| ServoDesign {
+                    scheme,
+                    learning: None,
+                    adaptation: None,
+                    beside: None,
+                    ..c.design.clone()
+                }),
+                _ => with_scheme(&c.design, name),
+            };
+            match designed {
                 Ok(design) => jobs.extend(FREQUENCIES_HZ.map(|hz| Job {
                     id: format!("ch7.compare.{name}.{hz}hz.{load}.rms"),
                     bench,

@@ -33,44 +33,39 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
     )
 }
 
-/// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow
-/// the same sines on the model.
+/// Designs what was ordered, and what is to be expected of it: it follows sines on the model, with all that
+/// the model has and no law knows. Where it is another scheme, a predictor for the same order stands beside it
+/// on the same sines.
 ///
 /// # Errors
 /// As [`order::design`]; the explanation reports a refused predictor.
-pub fn design_beside_predictor(
+pub fn design_with_expected_errors(
     chain: &Model,
     order: &DesignOrder<'_>,
 ) -> Result<(ServoDesign, Vec<AtWork>), String> {
     let mut design = order::design(chain, order)?;
-    if order.scheme == SchemeChoice::Predictor {
-        return Ok((design, Vec::new()));
-    }
-    let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
-    let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0]
-        .iter()
-        .map(|share| share * order.reference_hz)
-        .collect();
-    let rows = match order::design(
-        chain,
-        &DesignOrder {
+    let mut predictor = None;
+    if order.scheme != SchemeChoice::Predictor {
+        let order = DesignOrder {
             scheme: SchemeChoice::Predictor,
             ..*order
-        },
-    ) {
-        Ok(predictor) => {
-            if let Scheme::Predictor { tuning, .. } = &predictor.scheme {
-                design.beside = Some(*tuning);
+        };
+        match order::design(chain, &order) {
+            Ok(found) => {
+                if let Scheme::Predictor { tuning, .. } = &found.scheme {
+                    design.beside = Some(*tuning);
+                }
+                predictor = Some(found);
             }
-            schemes::at_work(chain, &[&design, &predictor], &frequencies_hz, noise_um)
-        }
-        Err(refusal) => {
-            design.explanation.push(format!(
+            Err(refusal) => design.explanation.push(format!(
                 "A predictor for the same order is refused: {refusal}."
-            ));
-            schemes::at_work(chain, &[&design], &frequencies_hz, noise_um)
+            )),
         }
-    };
+    }
+    let designs: Vec<&ServoDesign> = std::iter::once(&design).chain(&predictor).collect();
+    let frequencies_hz = [1.0 / 15.0, 1.0 / 3.0, 1.0].map(|share| share * order.reference_hz);
+    let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
+    let rows = schemes::at_work(chain, &designs, &frequencies_hz, noise_um);
     design
         .explanation
         .insert(0, schemes::at_work_in_words(&rows));

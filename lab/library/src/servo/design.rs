@@ -10,6 +10,7 @@ use super::model::{ActuatorModel, NominalModel};
 use super::predictor::tune;
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
+use super::robust::ModeSpread;
 use super::sampled_loop::frequency_response;
 use super::sensor_lag;
 use super::thesis_schemes::{
@@ -97,6 +98,21 @@ pub enum Form {
     },
 }
 
+/// What every scheme for one order is designed for, but for the recording.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DesignBasis {
+    /// What is asked.
+    pub demands: Demands,
+    /// Spread of the first mode.
+    pub first: ModeSpread,
+    /// Spread of the second one, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second: Option<ModeSpread>,
+    /// Delay of the drive that the observer does not carry, s.
+    pub delay_s: f64,
+}
+
 /// A design: everything that is needed to make the integers of the tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ServoDesign {
@@ -108,6 +124,10 @@ pub struct ServoDesign {
     pub delayed: bool,
     /// Carries the DAC's rounding error on.
     pub noise_shaping: bool,
+    /// What was asked of it and how well its modes are known, so that another scheme can be designed for the
+    /// same; none in a file that is older or made by hand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub basis: Option<DesignBasis>,
     /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where
     /// nobody said it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -154,6 +174,7 @@ impl ServoDesign {
             explanation: Vec::new(),
             delayed,
             noise_shaping: false,
+            basis: None,
             sensor_noise_um: None,
             sensor_lag_s: None,
             scheme,
@@ -284,7 +305,7 @@ impl ServoDesign {
                     "feedforward-without-creep"
                 }
             }
-            Scheme::Feedforward { notch: None, .. } => "feedforward-pi",
+            Scheme::Feedforward { notch: None, .. } => "pid",
             Scheme::Feedforward { .. } => "feedforward-pi-notch",
             Scheme::DisturbanceObserver {
                 hysteresis_inverse: false,

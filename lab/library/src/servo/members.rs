@@ -49,7 +49,7 @@ pub struct OnMember {
 }
 
 impl OnMember {
-    fn of(plant: String, found: &TrackResult) -> Self {
+    fn found(plant: String, found: &TrackResult) -> Self {
         Self {
             plant,
             truth: found.truth,
@@ -241,11 +241,11 @@ pub fn band(
             "",
             circumstances,
         )?;
-        Ok(OnMember::of(member.name.clone(), &found))
+        Ok(OnMember::found(member.name.clone(), &found))
     };
     let others: Result<Vec<OnMember>, QuantisationError> =
         parallel::map(&members(chain), run).into_iter().collect();
-    let mut members = vec![OnMember::of("the model itself".to_owned(), nominal)];
+    let mut members = vec![OnMember::found("the model itself".to_owned(), nominal)];
     members.extend(others?);
     Ok(PlantBand {
         members,

@@ -11,7 +11,7 @@ use super::tuning::{Demands, PredictorTuning};
 
 /// The schemes that `check --scheme` and `track --scheme` take besides the one of the design, by name, with
 /// what each is.
-pub const SCHEMES: [(&str, &str); 19] = [
+pub const SCHEMES: [(&str, &str); 18] = [
     (
         "predictor",
         "Kalman observer one period ahead, hysteresis inverted: the default",
@@ -58,19 +58,39 @@ pub const SCHEMES: [(&str, &str); 19] = [
         "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays",
     ),
     ("smcbl-linear", "the same without the inverse"),
-    ("pid", "feedforward-pi, tuned as `design --scheme pid` does"),
+    (
+        "pid",
+        "PID on the error beside a feedforward, hysteresis inverted, as `design --scheme pid` designs it",
+    ),
     ("pid-linear", "PID on the error alone, no model"),
     (
         "feedforward",
         "inverse of hysteresis, dynamics and creep, no feedback at all",
     ),
     ("feedforward-without-creep", "the same, creep not undone"),
-    ("feedforward-pi", "feedforward with a PI on the error"),
     (
         "feedforward-pi-notch",
         "feedforward with a PI and a notch on the first mode",
     ),
 ];
+
+/// Feedforward with the PI that is best on the cases of [`assess`](super::assessment::assess), with or without
+/// a notch on the most lightly damped mode.
+///
+/// # Errors
+/// If none keeps the margins.
+pub fn plain_pi(design: &ServoDesign, notched: bool) -> Result<Scheme, String> {
+    let linear = &design.model.linear;
+    let notch = notched.then(|| regulator_loop::notch_for(linear));
+    let found = regulator_loop::tune(linear, &Demands::default(), notch.as_ref());
+    Ok(Scheme::Feedforward {
+        gains: found
+            .ok_or("no integral gain keeps the margins with this model")?
+            .tuning,
+        notch,
+        creep_inverse: true,
+    })
+}
 
 /// The same model under another scheme.
 ///
@@ -130,22 +150,7 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
             },
             true,
         ),
-        "feedforward-pi" | "feedforward-pi-notch" => {
-            let notch = (name == "feedforward-pi-notch")
-                .then(|| regulator_loop::notch_for(&design.model.linear));
-            let gains =
-                regulator_loop::tune(&design.model.linear, &Demands::default(), notch.as_ref())
-                    .ok_or("no integral gain keeps the margins with this model")?
-                    .tuning;
-            (
-                Scheme::Feedforward {
-                    gains,
-                    notch,
-                    creep_inverse: true,
-                },
-                true,
-            )
-        }
+        "feedforward-pi-notch" => (plain_pi(design, true)?, true),
         "disturbance-observer" | "disturbance-observer-inverse" => {
             let gains = disturbance_observer::tune(&design.model.linear, &Demands::default())
                 .ok_or("no disturbance observer keeps the margins with this model")?

@@ -5,7 +5,7 @@ use super::amplifier_block::FrontEnd;
 use super::assessment::Assessment;
 use super::candidate::{Candidate, Scan};
 use super::data_of_stage::require_same_stage;
-use super::design::{Scheme, ServoDesign, undominated};
+use super::design::{DesignBasis, Scheme, ServoDesign, undominated};
 use super::explanation::{ScanWords, shortcomings, where_the_mode_moves};
 use super::feedforward::{feedforward, missed_of_reference};
 use super::gain_adaptation::AdaptationDesign;
@@ -14,7 +14,7 @@ use super::known::{
 };
 use super::law::PredictorDesign;
 use super::learned_feedforward::{self, LearningDesign};
-use super::model::{ActuatorModel, LinearModel, SAMPLING_PERIOD_S, required_model};
+use super::model::{ActuatorModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::FARTHEST;
 use super::quantise::QuantisationError;
 use super::robust::{Task, within_nyquist};
@@ -281,38 +281,39 @@ fn lag_to_undo(
     said: &mut Vec<String>,
 ) -> Option<f64> {
     let least_hz = sensor_lag::least_bandwidth_hz(period_s);
-    match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
-        sensor_lag::Known::Bandwidth(hz, whose) if hz >= least_hz => {
-            let lag_s = sensor_lag::lag_s(hz);
-            said.push(format!(
-                "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
-                1e6 * lag_s
-            ));
-            if let Some(all_s) =
-                sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s)
-            {
-                said.push(format!(
-                    "CAUTION: that is more than everything that is late in the model, {:.1} us: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
-                    1e6 * all_s
-                ));
-            }
-            Some(lag_s)
-        }
-        sensor_lag::Known::Bandwidth(hz, _) => {
-            said.push(format!(
-                "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
-                least_hz.ceil()
-            ));
-            None
-        }
-        sensor_lag::Known::Doubtful(why) => {
-            said.push(format!(
-                "CAUTION: the sensor's lag is not undone, {why}; say it with --sensor-bandwidth-hz."
-            ));
-            None
-        }
-        sensor_lag::Known::Ideal => None,
+    let (hz, whose, doubt) =
+        match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
+            sensor_lag::Known::Bandwidth(hz, whose) => (hz, whose, None),
+            sensor_lag::Known::Doubtful(hz, why) => (hz, "as identified", Some(why)),
+            sensor_lag::Known::Ideal => return None,
+        };
+    if hz < least_hz {
+        said.push(format!(
+            "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
+            least_hz.ceil()
+        ));
+        return None;
     }
+    let lag_s = sensor_lag::lag_s(hz);
+    let us = |lag_s: f64| format!("{:.1} us", 1e6 * lag_s);
+    said.push(format!(
+        "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {} late before a reading is compared with it, so that the true position is not early.",
+        us(lag_s)
+    ));
+    if let Some(why) = doubt {
+        said.push(format!(
+            "CAUTION: the lag of {} is the model's word, and {why}. If it is not the sensor's the true position follows so much late; name the data sheet's bandwidth with --sensor-bandwidth-hz.",
+            us(lag_s)
+        ));
+    }
+    if let Some(all_s) = sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s)
+    {
+        said.push(format!(
+            "CAUTION: that is more than everything that is late in the model, {}: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
+            us(all_s)
+        ));
+    }
+    Some(lag_s)
 }
 
 /// The model of an actuator for which a servo can be computed, whatever is asked of it.
@@ -379,12 +380,17 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         usual_margins,
         ..Demands::default()
     };
+    let basis = DesignBasis {
+        demands,
+        first,
+        second,
+        delay_s: known_delay_s(chain),
+    };
     if !order.inverse {
         demands.model_error_um = demands
             .model_error_um
             .max(left_without_inverse_um(&model).0);
     }
-    let delay_s = known_delay_s(chain);
     let task = Task {
         linear: model.linear,
         first,
@@ -392,7 +398,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         recording: recording.as_ref(),
         mode_moves: order.mode_moves,
         demands,
-        delay_s,
+        delay_s: basis.delay_s,
     };
     // A PID alone feeds nothing forward.
     let feeds_forward = order.scheme != SchemeChoice::Pid || order.inverse;
@@ -425,6 +431,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     let mut design = ServoDesign::new(scheme, &model, true);
     design.explanation = explanation;
     design.noise_shaping = true;
+    design.basis = Some(basis);
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, model.linear.period_s, &mut said);
     design
@@ -446,10 +453,10 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         sensor_bandwidth::ID,
         delay::ID,
     ];
-    if known_delay_s(chain) > 0.0 {
+    if basis.delay_s > 0.0 {
         design.explanation.push(format!(
             "The observer does not carry the delay of {:.0} us; the loop is judged with it.",
-            1e6 * known_delay_s(chain)
+            1e6 * basis.delay_s
         ));
     }
     let left: Vec<String> = chain
@@ -496,16 +503,26 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     Ok(design)
 }
 
-/// A task for a model with no recording behind it.
-fn unconfirmed(linear: LinearModel, demands: Demands) -> Task<'static> {
-    Task {
-        linear,
+/// What a design was made for, without the recording behind it.
+fn without_recording(design: &ServoDesign) -> Task<'static> {
+    let linear = design.model.linear;
+    let basis = design.basis.unwrap_or_else(|| DesignBasis {
+        demands: Demands {
+            sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
+            ..Demands::default()
+        },
         first: UNCONFIRMED,
         second: linear.second_mode.map(|_| UNCONFIRMED),
         delay_s: 0.0,
+    });
+    Task {
+        linear,
+        first: basis.first,
+        second: basis.second,
+        delay_s: basis.delay_s,
         recording: None,
         mode_moves: 0.0,
-        demands,
+        demands: basis.demands,
     }
 }
 
@@ -518,16 +535,13 @@ pub fn scheme_without_recording(
     choice: SchemeChoice,
     inverse: bool,
 ) -> Result<Scheme, String> {
-    let (model, linear) = (&design.model, design.model.linear);
-    require_usual_rate(choice, linear.period_s)?;
-    let mut demands = Demands {
-        sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
-        ..Demands::default()
-    };
+    let model = &design.model;
+    require_usual_rate(choice, design.period_s())?;
+    let mut task = without_recording(design);
     if !inverse {
-        demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(model).0);
+        let left_um = left_without_inverse_um(model).0;
+        task.demands.model_error_um = task.demands.model_error_um.max(left_um);
     }
-    let task = unconfirmed(linear, demands);
     let words = ScanWords {
         task: &task,
         recording: None,
@@ -602,10 +616,9 @@ pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign
     let Scheme::Predictor { tuning, .. } = &design.scheme else {
         return Err("a correction is learned with the predictor scheme only".into());
     };
-    let linear = design.model.linear;
-    let task = unconfirmed(linear, Demands::default());
+    let task = without_recording(design);
     LearningDesign::new(
-        &PredictorDesign::new(&linear, tuning),
+        &PredictorDesign::new(&task.linear, tuning),
         &task,
         design.model.reach_um(),
     )
@@ -626,7 +639,7 @@ fn trade_off(task: &Task<'_>, scan: &Scan, which: impl Fn(&Candidate) -> bool) -
 mod tests {
     use super::*;
     use crate::servo::amplifier_block::amplifier_parameters;
-    use crate::servo::model::ModeModel;
+    use crate::servo::model::{LinearModel, ModeModel};
     use crate::servo::robust::ModeSpread;
     use crate::servo::sampled_loop::SampledLoop;
     use hysteron_sim::chain::EffectInstance;

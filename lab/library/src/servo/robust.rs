@@ -40,6 +40,7 @@ use super::sampled_loop::{
 use super::tuning::{Demands, PredictorTuning};
 use crate::parallel;
 use nalgebra::Complex;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// Peak of an unknown mode over the static displacement: 5 % of the motion at a damping ratio of 0.015 (2 %
@@ -90,7 +91,8 @@ impl Family for Fixed<'_> {
 }
 
 /// How well the values of a mode are known: relative spreads that are reckoned with.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ModeSpread {
     /// Of the frequency.
     pub frequency: f64,

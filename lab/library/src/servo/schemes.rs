@@ -200,6 +200,9 @@ fn scanned<F: Family>(
     Ok((best.clone(), said))
 }
 
+/// Amplitude of the sines on which schemes are compared, over the travel.
+const SHOWN_AMPLITUDE: f64 = 0.3;
+
 /// What one scheme does on one reference.
 #[derive(Clone, Debug, Serialize)]
 pub struct AtWork {
@@ -207,6 +210,8 @@ pub struct AtWork {
     pub scheme: String,
     /// Frequency of the sine, Hz.
     pub frequency_hz: f64,
+    /// Its amplitude, um.
+    pub amplitude_um: f64,
     /// RMS error of the true displacement, um.
     pub true_rms_um: f64,
     /// Largest error of the true displacement, um.
@@ -226,7 +231,7 @@ pub fn at_work(
         .flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz)))
         .collect();
     let run = |(design, hz): &(&ServoDesign, f64)| {
-        let amplitude_um = 0.3 * design.model.reach_um();
+        let amplitude_um = SHOWN_AMPLITUDE * design.model.reach_um();
         let reference = PeriodicReference {
             shape: ReferenceShape::Sine,
             frequency_hz: *hz,
@@ -252,6 +257,7 @@ pub fn at_work(
         AtWork {
             scheme: design.scheme_name().into(),
             frequency_hz: *hz,
+            amplitude_um,
             true_rms_um,
             true_max_um,
         }
@@ -279,8 +285,9 @@ pub fn at_work_in_words(rows: &[AtWork]) -> String {
         .map(|row| format!("{:.0}", row.frequency_hz))
         .collect();
     format!(
-        "On this model, same runs, RMS error of the true position at {} Hz: {}.",
+        "Expected on this model, RMS error of the true position at {} Hz with an amplitude of {:.2} um: {}.",
         hz.join(" / "),
+        rows.first().map_or(0.0, |row| row.amplitude_um),
         schemes.iter().map(|s| of(s)).collect::<Vec<_>>().join("; ")
     )
 }

@@ -90,7 +90,12 @@ const STAYS: f64 = 0.1;
 
 impl StepFigures {
     /// Of a true position; the step is at a tick.
-    fn of(displacement_um: &[f64], at: usize, [from_um, by_um]: [f64; 2], period_s: f64) -> Self {
+    fn measured(
+        displacement_um: &[f64],
+        at: usize,
+        [from_um, by_um]: [f64; 2],
+        period_s: f64,
+    ) -> Self {
         let progress = |k: usize| (displacement_um[k] - from_um) / by_um;
         let seconds = |ticks: usize| ticks as f64 * period_s;
         let behind = displacement_um.len().saturating_sub(at);
@@ -130,7 +135,7 @@ pub struct DriveFigures {
 }
 
 impl DriveFigures {
-    fn of(drive_v: &[f64], from: usize, period_s: f64) -> Self {
+    fn measured(drive_v: &[f64], from: usize, period_s: f64) -> Self {
         let counted = drive_v.get(from..).unwrap_or_default();
         let rates: Vec<f64> = counted
             .windows(2)
@@ -262,27 +267,44 @@ pub struct Circumstances {
     pub disturbance: Option<Disturbance>,
 }
 
-/// The plant and the timing of a run.
-fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -> String {
+/// The converters that a servo is put to work with.
+fn fitting_converters(design: &ServoDesign) -> ConverterScale {
+    let model = &design.model;
+    ConverterScale::around(
+        model.drive_min_v,
+        model.drive_max_v,
+        model.surfaces().initial_ascending_curve(1.0),
+    )
+}
+
+/// The timing of a run, behind what the plant is.
+fn timing_in_words(design: &ServoDesign) -> String {
+    let scale = fitting_converters(design);
+    let acts = if design.delayed {
+        format!(
+            "one period of {:.0} us after its reading, as on the target",
+            1e6 * design.period_s()
+        )
+    } else {
+        "at once, which no target does".to_owned()
+    };
+    format!(
+        "codes of {} and {} bits; a code acts {acts}",
+        scale.adc_bits, scale.dac_bits
+    )
+}
+
+/// What a chain is to the design.
+fn chain_in_words(chain: &Model, design: &ServoDesign) -> String {
     let servo_knows = actuator_model(chain).map(|model| model.for_the_tick().0.linear.first_mode)
         == Some(design.model.linear.first_mode);
     format!(
-        "simulated from the model's effects {}{}; codes of {} and {} bits; a code acts {}",
+        "simulated from the model's effects {}{}",
         chain.effect_ids().join(", "),
         if servo_knows {
             ", of which the servo was designed"
         } else {
             ", which is not the model that the servo was designed for"
-        },
-        scale.adc_bits,
-        scale.dac_bits,
-        if design.delayed {
-            format!(
-                "one period of {:.0} us after its reading, as on the target",
-                1e6 * design.period_s()
-            )
-        } else {
-            "at once, which no target does".to_owned()
         }
     )
 }
@@ -321,6 +343,36 @@ pub fn track_on(
     reference_name: &str,
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
+    let mut plant = ChainPlant::changed(chain, change, design.model.drive_min_v, design.period_s());
+    let found = track_plant(
+        &mut plant,
+        &chain_in_words(chain, design),
+        design,
+        reference,
+        reference_name,
+        circumstances,
+    )?;
+    Ok(TrackResult {
+        model_sensor_lag_s: chain
+            .values(sensor_bandwidth::ID)
+            .and_then(|v| v.first().copied())
+            .map(sensor_lag::lag_s),
+        ..found
+    })
+}
+
+/// Follows a reference on any plant, from rest at its lowest drive; `called` says what the plant is.
+///
+/// # Errors
+/// If the design does not fit the tick's formats.
+pub fn track_plant(
+    plant: &mut impl Plant,
+    called: &str,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    circumstances: Circumstances,
+) -> Result<TrackResult, QuantisationError> {
     let Circumstances {
         noise_um,
         seed,
@@ -332,19 +384,14 @@ pub fn track_on(
         d.samples_um(reference_um.len(), from, period_s)
     });
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
-    let scale = ConverterScale::around(
-        low_v,
-        high_v,
-        design.model.surfaces().initial_ascending_curve(1.0),
-    );
-    let mut plant = ChainPlant::changed(chain, change, low_v, period_s);
+    let scale = fitting_converters(design);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
     let fs = 1.0 / period_s;
     let conditioning = waveform::concatenate(&[
         waveform::raised_cosine(fs, 10.0, low_v, high_v, 1),
         waveform::hold(fs, low_v, 1.0),
     ]);
-    condition(&mut plant, &mut servo, &scale, &conditioning);
+    condition(plant, &mut servo, &scale, &conditioning);
     let around = Surroundings {
         scale: scale.zeroed_at(plant.sensor_um()),
         noise_um,
@@ -355,10 +402,10 @@ pub fn track_on(
     };
     servo.take_scale(&around.scale);
     let mut repeats = repeats_when_grown(servo, reference.period_ticks(period_s), period_s);
-    let trace = follow(&mut plant, &mut repeats, &around, &reference_um);
+    let trace = follow(plant, &mut repeats, &around, &reference_um);
     let samples = trace.sensor_um.len();
     let step = match reference {
-        Reference::Step { from_um, by_um } => Some(StepFigures::of(
+        Reference::Step { from_um, by_um } => Some(StepFigures::measured(
             &trace.displacement_um,
             from,
             [*from_um, *by_um],
@@ -371,18 +418,15 @@ pub fn track_on(
         schema: "hysteron.track/1".into(),
         scheme: design.scheme_name().into(),
         reference: reference_name.into(),
-        plant: plant_in_words(chain, design, &scale),
+        plant: format!("{called}; {}", timing_in_words(design)),
         beside: None,
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
         as_read: ErrorFigures::between(&trace.reading_um, &trace.reference_um, from).into(),
         step,
-        drive: DriveFigures::of(&trace.drive_v, from, period_s),
+        drive: DriveFigures::measured(&trace.drive_v, from, period_s),
         sensor_lag_s: design.sensor_lag_s,
-        model_sensor_lag_s: chain
-            .values(sensor_bandwidth::ID)
-            .and_then(|v| v.first().copied())
-            .map(sensor_lag::lag_s),
+        model_sensor_lag_s: None,
         noise_um,
         disturbance,
         adapted_gain: repeats
@@ -425,7 +469,7 @@ mod tests {
             }
         };
         let exponential: Vec<f64> = (0..1000).map(position).collect();
-        let found = StepFigures::of(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
+        let found = StepFigures::measured(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         // Within 2 % behind 20 ln 50 = 78.2 ticks, from a tenth to nine tenths in 20 ln 9 = 43.9.
         assert_eq!(
             found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()),
@@ -441,7 +485,7 @@ mod tests {
             .enumerate()
             .map(|(k, y)| if k == 990 { 3.1 } else { *y })
             .collect();
-        let late = StepFigures::of(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
+        let late = StepFigures::measured(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         assert!(
             late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9,
             "{late:?}"

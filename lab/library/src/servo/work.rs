@@ -9,9 +9,10 @@ use super::model::actuator_model;
 use super::named_scheme::with_scheme;
 use super::plant_set::PlantVariation;
 use super::reference::Reference;
-use super::track::{Beside, Circumstances, TrackResult, track};
+use super::track::{Beside, Circumstances, TrackResult, track, track_plant};
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
+use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::effect::vibration;
 
 /// How a servo is put to work on a chain.
@@ -69,22 +70,11 @@ fn prepared(
     let reach_um = actuator_model(&chain)
         .map_or(f64::INFINITY, |m| m.reach_um())
         .min(design.model.reach_um());
-    let (low_um, high_um) = extremes(&reference.samples_um(&chosen).0);
-    if low_um < 0.0 || high_um > reach_um {
-        return Err(format!(
-            "the reference goes from {low_um:.2} to {high_um:.2} um; counted from where the actuator stands at its lowest drive of {} V, the drive reaches 0 to {reach_um:.2} um",
-            chain.drive_min_v
-        ));
-    }
+    require_reached(reference, &chosen, reach_um)?;
     let noise_um = sensor_noise_um
         .or(design.sensor_noise_um)
         .unwrap_or(ASSUMED_NOISE_UM);
-    if !(0.0..0.05 * reach_um).contains(&noise_um) {
-        return Err(format!(
-            "--sensor-noise-um {noise_um}; expected at least 0 and below {:.3}, a twentieth of the travel",
-            0.05 * reach_um
-        ));
-    }
+    require_noise(noise_um, reach_um)?;
     let circumstances = Circumstances {
         noise_um,
         seed: 1,
@@ -95,6 +85,75 @@ fn prepared(
         design: chosen,
         circumstances,
     })
+}
+
+/// Whether a sensor with this noise can be followed over this reach, um.
+fn require_noise(noise_um: f64, reach_um: f64) -> Result<(), String> {
+    if (0.0..0.05 * reach_um).contains(&noise_um) {
+        return Ok(());
+    }
+    Err(format!(
+        "--sensor-noise-um {noise_um}; expected at least 0 and below {:.3}, a twentieth of the travel",
+        0.05 * reach_um
+    ))
+}
+
+/// Whether a reference stays within what the drive reaches.
+fn require_reached(
+    reference: &Reference,
+    design: &ServoDesign,
+    reach_um: f64,
+) -> Result<(), String> {
+    let (low_um, high_um) = extremes(&reference.samples_um(design).0);
+    if low_um >= 0.0 && high_um <= reach_um {
+        return Ok(());
+    }
+    Err(format!(
+        "the reference goes from {low_um:.2} to {high_um:.2} um; counted from where the actuator stands at its lowest drive of {} V, the drive reaches 0 to {reach_um:.2} um",
+        design.model.drive_min_v
+    ))
+}
+
+/// Follows a reference on a plant of the user's own, from rest at its lowest drive. Noise that is named in
+/// `work` is added to its readings.
+///
+/// # Errors
+/// A message that names the field, or the number that does not fit the servo's formats.
+pub fn follow_plant(
+    plant: &mut impl Plant,
+    called: &str,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    work: &Work,
+) -> Result<TrackResult, String> {
+    if work.disturbance.is_some() || work.added_mass > 0.0 {
+        return Err(
+            "a disturbance or an added mass has no effect on a plant of one's own: simulate it there"
+                .into(),
+        );
+    }
+    let design = match work.scheme {
+        Some(name) => with_scheme(design, name)?,
+        None => design.clone(),
+    };
+    require_reached(reference, &design, design.model.reach_um())?;
+    let noise_um = work.sensor_noise_um.unwrap_or(0.0);
+    require_noise(noise_um, design.model.reach_um())?;
+    let circumstances = Circumstances {
+        noise_um,
+        seed: 1,
+        disturbance: None,
+    };
+    track_plant(
+        plant,
+        called,
+        &design,
+        reference,
+        reference_name,
+        circumstances,
+    )
+    .map_err(|e| e.to_string())
 }
 
 /// Follows a reference on a chain.
