@@ -71,3 +71,41 @@ pub fn design_with_expected_errors(
         .insert(0, schemes::at_work_in_words(&rows));
     Ok((design, rows))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::reference::Reference;
+    use super::super::work::{Work, follow};
+    use super::*;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+
+    /// A sensor of 300 Hz is 0.53 ms late: left alone it would cost half the amplitude.
+    #[test]
+    #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+    fn the_promise_on_a_stage_with_a_slow_sensor_is_what_is_found() {
+        let overview = Overview::without_data(0.0, 80.0);
+        let mut chain = Model::new(0.0, 80.0);
+        let effects: [(&str, &[f64]); 3] = [
+            ("hysteresis", &[9.0, 1.0, -2.0]),
+            ("vibration", &[5_300.0, 0.6]),
+            ("sensor_bandwidth", &[300.0]),
+        ];
+        for (id, values) in effects {
+            let effect = by_id(id).expect("an effect");
+            chain.add(EffectInstance::new(effect, &overview, values));
+        }
+        let (design, rows) =
+            design_with_expected_errors(&chain, &DesignOrder::default()).expect("a servo");
+        let row = rows.last().expect("a row for each frequency");
+        let name = format!("sine:{}:{}", row.frequency_hz, row.amplitude_um);
+        let reference = Reference::named(&name, design.period_s()).expect("a sine");
+        let found = follow(&chain, &design, &reference, &name, &Work::default()).expect("a run");
+        let (found_um, promised_um) = (found.truth.rms_um, row.true_rms_um);
+        assert!(
+            found_um < 1.5 * promised_um && promised_um < 1.5 * found_um,
+            "{found_um} {promised_um}"
+        );
+        assert!(found_um < 0.01 * row.amplitude_um, "{found_um}");
+    }
+}

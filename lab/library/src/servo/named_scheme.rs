@@ -189,3 +189,41 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
         out
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::order::DesignOrder;
+    use super::*;
+    use hysteron_sim::chain::{EffectInstance, Model};
+    use hysteron_sim::effect::{Overview, by_id};
+
+    #[test]
+    #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+    fn pid_is_one_scheme_whichever_command_designs_it() {
+        let overview = Overview::without_data(0.0, 80.0);
+        let mut chain = Model::new(0.0, 80.0);
+        let effects: [(&str, &[f64]); 3] = [
+            ("delay", &[4e-5]),
+            ("hysteresis", &[9.0, 1.0, -2.0]),
+            ("vibration", &[5_300.0, 0.6]),
+        ];
+        for (id, values) in effects {
+            let effect = by_id(id).expect("an effect");
+            chain.add(EffectInstance::new(effect, &overview, values));
+        }
+        let order = |scheme| DesignOrder {
+            reference_hz: 40.0,
+            sensor_noise_um: Some(0.003),
+            scheme,
+            ..DesignOrder::default()
+        };
+        let designed = |choice| order::design(&chain, &order(choice)).expect("a servo");
+        let (pid, predictor) = (
+            designed(SchemeChoice::Pid),
+            designed(SchemeChoice::Predictor),
+        );
+        let named = with_scheme(&predictor, "pid").expect("a servo");
+        assert_eq!((pid.scheme_name(), named.scheme_name()), ("pid", "pid"));
+        assert_eq!(named.scheme, pid.scheme);
+    }
+}
