@@ -8,9 +8,9 @@
 //! straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the
 //! bend of the loops alone, and two are as good as four were in which the mean of the voltage was held.
 
-use super::{Setting, amplifier_bandwidth, delay, slew_limit};
-use crate::chain::Model;
+use super::{amplifier_bandwidth, delay, slew_limit};
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 
 /// The way of a signal inside an interval.

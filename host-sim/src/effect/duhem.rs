@@ -1,11 +1,7 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Coleman-Hodgdon form of the Duhem model.
 pub struct Duhem;
@@ -63,28 +59,22 @@ impl Stage for DuhemStage {
             span: self.range_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
-impl Loops for DuhemStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
-}
+impl Loops for DuhemStage {}
 
-impl Physics for Duhem {
+impl Effect for Duhem {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "duhem".into(),
             physics: "Rising and falling drive approach one line from two sides.".into(),
             reference: "Coleman and Hodgdon, Int. J. Eng. Sci. 24 (1986) 897-919".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow sines of several amplitudes".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
+
+Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
+`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -97,48 +87,12 @@ impl Physics for Duhem {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DuhemStage::new(model, values)))
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![3.0, scale, 0.7 * scale]]
     }
 
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(DuhemStage::new(model, values)))
     }
 }
-
-impl Estimation for Duhem {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for Duhem {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let scale = overview.gain_um_v * overview.drive_range_v();
-        vec![vec![3.0, scale, 0.7 * scale]]
-    }
-
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-}
-
-impl Presentation for Duhem {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
-
-Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
-`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`."
-    }
-}
-
-impl SyntheticCases for Duhem {}

@@ -32,11 +32,7 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
-use super::{
-    Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 use nalgebra::DMatrix;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use serde::Deserialize;
@@ -88,12 +84,10 @@ struct StateEntry {
 /// An effect defined by expressions.
 #[derive(Clone, Debug)]
 pub struct ExpressionEffect {
-    text: String,
     declaration: Declaration,
     parameters: Vec<Parameter>,
     starts: Vec<Vec<f64>>,
     initial: Vec<f64>,
-    auxiliary: Vec<String>,
     derivatives: Vec<Formula>,
     output: Formula,
 }
@@ -227,21 +221,25 @@ impl ExpressionEffect {
             .iter()
             .map(derivative)
             .collect::<Result<Vec<_>, _>>()?;
+        let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
         Ok(Self {
-            text: text.to_string(),
             declaration: Declaration {
                 id: file.id,
                 physics: file.physics,
                 reference: file.reference,
-                place,
-                modifies: None,
                 experiment: file.experiment,
-                candidate: true,
                 one_sided: file.one_sided,
+                follows_record: !file.auxiliary.is_empty()
+                    || derivatives
+                        .iter()
+                        .chain([&output])
+                        .any(|formula| formula.uses(drive)),
+                auxiliary: file.auxiliary,
+                definition: Some(text.to_string()),
+                ..Declaration::at(place)
             },
             parameters,
             starts,
-            auxiliary: file.auxiliary,
             initial: file.state.iter().map(|s| s.initial).collect(),
             derivatives,
             output,
@@ -410,31 +408,17 @@ impl Stage for ExpressionStage<'_> {
     }
 }
 
-impl Physics for ExpressionEffect {
+impl Effect for ExpressionEffect {
     fn declaration(&self) -> Declaration {
         self.declaration.clone()
-    }
-
-    fn definition(&self) -> Option<&str> {
-        Some(&self.text)
     }
 
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         self.parameters.clone()
     }
 
-    fn auxiliary(&self) -> &[String] {
-        &self.auxiliary
-    }
-
-    fn follows_record(&self) -> bool {
-        let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
-        !self.auxiliary.is_empty()
-            || self
-                .derivatives
-                .iter()
-                .chain([&self.output])
-                .any(|formula| formula.uses(drive))
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        self.starts.clone()
     }
 
     fn stage<'a>(
@@ -445,14 +429,14 @@ impl Physics for ExpressionEffect {
     ) -> Option<Box<dyn Stage + 'a>> {
         let recorded = setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
-        for (i, name) in self.auxiliary.iter().enumerate() {
+        for (i, name) in self.declaration.auxiliary.iter().enumerate() {
             let found = recorded
                 .auxiliary
                 .iter()
                 .find(|signal| signal.name == *name);
             signals.push((GIVEN.len() + i, found.map_or(&[], |signal| &signal.values)));
         }
-        let mut all = vec![0.0; GIVEN.len() + self.auxiliary.len()];
+        let mut all = vec![0.0; GIVEN.len() + self.declaration.auxiliary.len()];
         all.extend_from_slice(values);
         let states = all.len()..all.len() + self.initial.len();
         all.extend_from_slice(&self.initial);
@@ -475,18 +459,6 @@ impl Physics for ExpressionEffect {
         Some(Box::new(stage))
     }
 }
-
-impl Estimation for ExpressionEffect {}
-
-impl SearchHints for ExpressionEffect {
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        self.starts.clone()
-    }
-}
-
-impl Presentation for ExpressionEffect {}
-
-impl SyntheticCases for ExpressionEffect {}
 
 #[cfg(test)]
 mod tests {
@@ -568,7 +540,8 @@ mod tests {
     fn recorded_signals_are_known_by_name_on_every_sub_interval() {
         let text = "id = \"warm\"\nplace = \"drift\"\nauxiliary = [\"temperature_c\"]\noutput = \"x + temperature_c + 10 * u + 100 * force\"\n";
         let effect = ExpressionEffect::from_toml(text).unwrap();
-        assert!(effect.follows_record() && effect.auxiliary() == ["temperature_c"]);
+        let declaration = effect.declaration();
+        assert!(declaration.follows_record && declaration.auxiliary == ["temperature_c"]);
         let auxiliary = [AuxiliarySignal {
             name: "temperature_c".into(),
             values: vec![1.0, 2.0],

@@ -10,44 +10,8 @@
 
 use super::arrival::{Arrival, Over};
 use super::vibration::ModeLaw;
-use super::{Setting, Stage};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
-
-/// Where a mass comes from, where it is and how fast.
-#[derive(Clone, Copy, Debug)]
-pub struct Travel {
-    /// Where the memory of the force was made, um.
-    pub from_um: f64,
-    /// Where the mass is, um.
-    pub to_um: f64,
-    /// Its velocity there over the natural frequency, um.
-    pub speed_um: f64,
-}
-
-/// A force that the moving mass works against.
-pub trait RestoringForce: Send {
-    /// The force at the end of a way, as the displacement that it makes at rest, um, and what it remembers
-    /// there; a way is short, and goes one way.
-    fn held(&self, memory: f64, way: Travel) -> (f64, f64);
-
-    /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is
-    /// held.
-    fn at_rest(&self, at_um: f64) -> (f64, f64) {
-        self.held(
-            0.0,
-            Travel {
-                from_um: 0.0,
-                to_um: at_um,
-                speed_um: 0.0,
-            },
-        )
-    }
-
-    /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so
-    /// much, in units of the spring's own stiffness.
-    fn stiffening(&self, memory: f64, swing_um: f64) -> f64;
-}
+use crate::physics::*;
 
 /// The forces of a model, in the order of its effects, and the friction of its guide among them; empty where
 /// friction is the only force.

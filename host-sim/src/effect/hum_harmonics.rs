@@ -7,11 +7,7 @@
 //! only where a line is seen while the drive stands still ([`SearchHints::speaks_for_it`]).
 
 use super::mains_hum::{self, lines_stage};
-use super::{
-    Against, Declaration, Estimation, LinesAtRest, Overview, Parameter, Physics, Picture, Place,
-    Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "hum_harmonics";
@@ -27,19 +23,24 @@ const USUAL_HZ: f64 = 50.0;
 /// that are half of that from one another.
 const NEAR_HZ: f64 = 1.0;
 
-impl Physics for HumHarmonics {
+impl Effect for HumHarmonics {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
-                    .into(),
+            "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
+            .into(),
             reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
-            place: Place::Hum,
             modifies: Some(mains_hum::ID),
             experiment: "rest at constant drive for two seconds".into(),
-            candidate: true,
-            one_sided: false,
+            beside: Some(mains_hum::ID),
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
+            },
+            planted: Planted::Never,
+            equations: r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample.",
+            ..Declaration::at(Place::Hum)
         }
     }
 
@@ -56,6 +57,10 @@ impl Physics for HumHarmonics {
                 ]
             })
             .collect()
+    }
+
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0; 2 * MULTIPLES.len()]]
     }
 
     fn goes_by_ends(&self, _model: &Model) -> bool {
@@ -82,18 +87,6 @@ impl Physics for HumHarmonics {
             .map(|multiple| f64::from(*multiple) * mains_hz)
             .collect()
     }
-}
-
-impl Estimation for HumHarmonics {}
-
-impl SearchHints for HumHarmonics {
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.0; 2 * MULTIPLES.len()]]
-    }
-
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(mains_hum::ID).is_some()
-    }
 
     fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
         let multiples = self.line_frequencies_hz(model, &[]);
@@ -102,25 +95,6 @@ impl SearchHints for HumHarmonics {
                 .iter()
                 .any(|multiple| (line - multiple).abs() < NEAR_HZ)
         })
-    }
-}
-
-impl Presentation for HumHarmonics {
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
-        }
-    }
-}
-
-impl SyntheticCases for HumHarmonics {
-    fn planted(&self) -> Planted {
-        Planted::Never
     }
 
     fn values_at(

@@ -5,12 +5,9 @@
 //! `h` depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an
 //! exponential of it.
 
-use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use super::force_balance::RestingPlace;
+use super::vibration;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "hysteretic_stiffness";
@@ -121,17 +118,24 @@ impl HystereticStiffness {
     }
 }
 
-impl Physics for HystereticStiffness {
+impl Effect for HystereticStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Part of the spring slips inside: the force on the moving mass depends on where it turned last.".into(),
             reference: "Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249-263; Noel and Schoukens, hysteretic benchmark (2016)".into(),
-            place: Place::Friction,
             modifies: Some(vibration::ID),
             experiment: "the same multisine or sweep around the resonance at several amplitudes, and slow sines".into(),
-            candidate: true,
-            one_sided: false,
+            beside: Some(vibration::ID),
+            picture: Picture {
+                against: Against::Displacement,
+                caption: "A force that depends on where the motion turned last.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[vibration::ID],
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -151,6 +155,16 @@ impl Physics for HystereticStiffness {
         ]
     }
 
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let per_um = 1.0 / overview.range_um.max(1e-6);
+        // Loops alone, loops that soften or harden, and loops that are closed early.
+        let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
+        shapes
+            .iter()
+            .map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0])
+            .collect()
+    }
+
     fn restoring_force(
         &self,
         model: &Model,
@@ -167,48 +181,6 @@ impl Physics for HystereticStiffness {
         setting: &Setting<'a>,
     ) -> Option<Box<dyn Stage + 'a>> {
         RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
-    }
-}
-
-impl Estimation for HystereticStiffness {}
-
-impl SearchHints for HystereticStiffness {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let per_um = 1.0 / overview.range_um.max(1e-6);
-        // Loops alone, loops that soften or harden, and loops that are closed early.
-        let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
-        shapes
-            .iter()
-            .map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0])
-            .collect()
-    }
-
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for HystereticStiffness {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Displacement,
-            caption: "A force that depends on where the motion turned last.",
-        }
-    }
-}
-
-impl SyntheticCases for HystereticStiffness {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
-    }
-
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
     }
 
     fn values_at(

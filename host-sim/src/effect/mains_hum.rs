@@ -1,12 +1,7 @@
 //! Mains hum: a line at the mains frequency in the sensor signal, whatever the drive does.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn,
-    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
-    SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated
 /// for every record.
@@ -92,17 +87,20 @@ pub(super) fn lines_stage<'a>(
     (!lines.is_empty()).then(|| Box::new(LinesStage(lines)) as Box<dyn Stage + 'a>)
 }
 
-impl Physics for MainsHum {
+impl Effect for MainsHum {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Stray fields of the mains couple into the sensor: a line at the mains frequency, present at rest too.".into(),
             reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
-            place: Place::Hum,
-            modifies: None,
             experiment: "rest at constant drive for a second".into(),
-            candidate: true,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`.",
+            ..Declaration::at(Place::Hum)
         }
     }
 
@@ -113,6 +111,20 @@ impl Physics for MainsHum {
             Parameter::linear("sine_um", "um", -range, range, 1e-4 * range).fixed(),
             Parameter::linear("cosine_um", "um", -range, range, 1e-4 * range).fixed(),
         ]
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let amplitude = 0.001 * overview.range_um;
+        let mut out = Vec::new();
+        // In less than a period a line looks like a trend.
+        for frequency_hz in [50.0, 60.0]
+            .into_iter()
+            .filter(|hz| hz * overview.duration_s >= 1.0)
+        {
+            out.push(vec![frequency_hz, amplitude, 0.0]);
+            out.push(vec![frequency_hz, 0.0, amplitude]);
+        }
+        out
     }
 
     fn goes_by_ends(&self, _model: &Model) -> bool {
@@ -131,24 +143,6 @@ impl Physics for MainsHum {
     fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
         vec![values[0]]
     }
-}
-
-impl Estimation for MainsHum {}
-
-impl SearchHints for MainsHum {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let amplitude = 0.001 * overview.range_um;
-        let mut out = Vec::new();
-        // In less than a period a line looks like a trend.
-        for frequency_hz in [50.0, 60.0]
-            .into_iter()
-            .filter(|hz| hz * overview.duration_s >= 1.0)
-        {
-            out.push(vec![frequency_hz, amplitude, 0.0]);
-            out.push(vec![frequency_hz, 0.0, amplitude]);
-        }
-        out
-    }
 
     fn speaks_for_it(&self, _model: &Model, at_rest: &LinesAtRest) -> bool {
         at_rest.samples < SHOWS_WEAK_LINES
@@ -156,25 +150,6 @@ impl SearchHints for MainsHum {
                 .lines_hz
                 .iter()
                 .any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
-    }
-}
-
-impl Presentation for MainsHum {
-    fn equations(&self) -> &'static str {
-        r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
-        }
-    }
-}
-
-impl SyntheticCases for MainsHum {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
     }
 
     fn values_at(

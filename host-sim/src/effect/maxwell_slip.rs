@@ -1,11 +1,7 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::{Block, Play};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Number of elasto-slide elements.
 const ELEMENTS: usize = 8;
@@ -66,15 +62,9 @@ impl Stage for SlipStage {
             span: self.range_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
 impl Loops for SlipStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where an element begins to slip.
         let left = |(i, stretch): (usize, &f64)| {
@@ -92,17 +82,16 @@ impl Loops for SlipStage {
     }
 }
 
-impl Physics for MaxwellSlip {
+impl Effect for MaxwellSlip {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "maxwell_slip".into(),
             physics: "Elements that stretch and then slip hold part of the charge back: rate-independent loops.".into(),
             reference: "thesis Ch. 2, Eq. 3; Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
+At rest the elements follow `X` once from 0.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -116,31 +105,6 @@ impl Physics for MaxwellSlip {
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-}
-
-impl Estimation for MaxwellSlip {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for MaxwellSlip {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values = vec![1.1 * scale];
@@ -148,16 +112,7 @@ impl SearchHints for MaxwellSlip {
         vec![values]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(SlipStage::new(model, values)))
     }
 }
-
-impl Presentation for MaxwellSlip {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
-At rest the elements follow `X` once from 0."
-    }
-}
-
-impl SyntheticCases for MaxwellSlip {}

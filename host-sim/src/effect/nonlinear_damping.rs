@@ -1,12 +1,8 @@
 //! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow,
 //! with none of it as in dry friction.
 
-use super::force_balance::{RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use super::vibration;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "nonlinear_damping";
@@ -49,18 +45,26 @@ impl RestoringForce for Damper {
     }
 }
 
-impl Physics for NonlinearDamping {
+impl Effect for NonlinearDamping {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction."
-                .into(),
+            .into(),
             reference: "Elliott, Ghandchi Tehrani and Langley, Phil. Trans. R. Soc. A 373 (2015) 20140402".into(),
-            place: Place::Friction,
             modifies: Some(vibration::ID),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
-            candidate: true,
             one_sided: true,
+            beside: Some(vibration::ID),
+            picture: Picture {
+                against: Against::Rate,
+                caption: "A force that does not grow in proportion to the velocity.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[vibration::ID],
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -71,6 +75,14 @@ impl Physics for NonlinearDamping {
             Parameter::linear("exponent", "1", 0.0, 3.0, 0.05),
             Parameter::linear("at_um", "um", 1e-9, 1e9, 0.01 * half_um).fixed(),
         ]
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let half_um = 0.5 * overview.range_um.max(1e-6);
+        [2.0, 0.2]
+            .iter()
+            .map(|exponent| vec![0.005 * half_um, *exponent, half_um])
+            .collect()
     }
 
     fn restoring_force(
@@ -93,46 +105,6 @@ impl Physics for NonlinearDamping {
         _setting: &Setting<'a>,
     ) -> Option<Box<dyn Stage + 'a>> {
         None // without a mass nothing moves against it
-    }
-}
-
-impl Estimation for NonlinearDamping {}
-
-impl SearchHints for NonlinearDamping {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let half_um = 0.5 * overview.range_um.max(1e-6);
-        [2.0, 0.2]
-            .iter()
-            .map(|exponent| vec![0.005 * half_um, *exponent, half_um])
-            .collect()
-    }
-
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for NonlinearDamping {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "A force that does not grow in proportion to the velocity.",
-        }
-    }
-}
-
-impl SyntheticCases for NonlinearDamping {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
-    }
-
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
     }
 
     fn values_at(

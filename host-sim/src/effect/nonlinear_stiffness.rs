@@ -3,12 +3,9 @@
 //! The force is a polynomial of the displacement from where the stage stands without voltage. A spring that
 //! gives way holds no less than the load at which it does: beyond, its force stays what it is there.
 
-use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use super::force_balance::RestingPlace;
+use super::vibration;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "nonlinear_stiffness";
@@ -118,20 +115,30 @@ impl NonlinearStiffness {
     }
 }
 
-impl Physics for NonlinearStiffness {
+impl Effect for NonlinearStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
-                    .into(),
+            "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
+            .into(),
             reference: "Duffing oscillator: Kovacic and Brennan, The Duffing Equation (2011); Wigren and Schoukens, ECC (2013) 2933-2938"
-                .into(),
-            place: Place::Friction,
+            .into(),
             modifies: Some(vibration::ID),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
-            candidate: true,
-            one_sided: false,
+            starts_combine: true,
+            beside: Some(vibration::ID),
+            picture: Picture {
+                against: Against::Displacement,
+                caption: "A force that grows faster, or more slowly, than the displacement.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[vibration::ID],
+            equations: r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
+`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
+interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -156,6 +163,14 @@ impl Physics for NonlinearStiffness {
         ]
     }
 
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let half_um = 0.5 * overview.range_um.max(1e-6);
+        vec![
+            vec![0.02 / half_um, 0.0, 0.0],
+            vec![0.0, 0.02 / (half_um * half_um), 0.0],
+        ]
+    }
+
     fn restoring_force(
         &self,
         model: &Model,
@@ -172,52 +187,6 @@ impl Physics for NonlinearStiffness {
         setting: &Setting<'a>,
     ) -> Option<Box<dyn Stage + 'a>> {
         RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
-    }
-}
-
-impl Estimation for NonlinearStiffness {}
-
-impl SearchHints for NonlinearStiffness {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let half_um = 0.5 * overview.range_um.max(1e-6);
-        vec![
-            vec![0.02 / half_um, 0.0, 0.0],
-            vec![0.0, 0.02 / (half_um * half_um), 0.0],
-        ]
-    }
-
-    fn starts_combine(&self) -> bool {
-        true
-    }
-
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for NonlinearStiffness {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
-`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
-interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Displacement,
-            caption: "A force that grows faster, or more slowly, than the displacement.",
-        }
-    }
-}
-
-impl SyntheticCases for NonlinearStiffness {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
-    }
-
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
     }
 
     fn values_at(

@@ -2,12 +2,8 @@
 //! behind.
 
 use super::play_operators::PlayOperators;
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::{Block, Play};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Number of play operators.
 const PLAYS: usize = 10;
@@ -80,15 +76,9 @@ impl Stage for PlayStage {
             span: self.range_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
 impl Loops for PlayStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where a dead zone ends the search finds by itself.
         self.operators
@@ -98,7 +88,7 @@ impl Loops for PlayStage {
     }
 }
 
-impl Physics for PrandtlIshlinskii {
+impl Effect for PrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         let (id, reference) = if self.one_sided_dead_zones {
             (
@@ -115,11 +105,9 @@ impl Physics for PrandtlIshlinskii {
             id: id.into(),
             physics: "Many small backlash elements in parallel: loops that depend only on how far the drive came back.".into(),
             reference: reference.into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -138,31 +126,6 @@ impl Physics for PrandtlIshlinskii {
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-}
-
-impl Estimation for PrandtlIshlinskii {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for PrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values: Vec<_> = (0..PLAYS)
@@ -181,15 +144,7 @@ impl SearchHints for PrandtlIshlinskii {
         vec![values]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PlayStage::new(model, values)))
     }
 }
-
-impl Presentation for PrandtlIshlinskii {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0."
-    }
-}
-
-impl SyntheticCases for PrandtlIshlinskii {}

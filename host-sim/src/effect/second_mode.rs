@@ -1,11 +1,7 @@
 //! A second structural mode that takes a share of the motion.
 
-use super::{
-    Against, Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Picture, Place,
-    Planted, Presentation, Resonance, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-    vibration,
-};
-use crate::chain::Model;
+use super::vibration;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "second_mode";
@@ -16,17 +12,24 @@ const AT_ITS_LIMIT: f64 = 0.98;
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
 
-impl Physics for SecondMode {
+impl Effect for SecondMode {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Part of the motion goes through another resonance of the structure, usually higher and lightly damped.".into(),
             reference: "Preumont, Vibration Control of Active Structures (2011), modal sum".into(),
-            place: Place::Vibration,
             modifies: Some(super::vibration::ID),
             experiment: "a multisine with lines close together up to a third of the sampling rate".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 6,
+            beside: Some(super::vibration::ID),
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
+itself where there is no `vibration`.",
+            ..Declaration::at(Place::Vibration)
         }
     }
 
@@ -37,6 +40,19 @@ impl Physics for SecondMode {
             Parameter::logarithmic("natural_frequency_rad_s", "rad/s", 10.0, highest),
             Parameter::logarithmic("damping_ratio", "1", 5e-4, 2.0),
         ]
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
+        let mut out = Vec::new();
+        let count = 36;
+        for i in 0..count {
+            // Steps of 7 %, a little wider than the width of a mode with the damping ratio that goes with
+            // them.
+            let frequency = 0.9 * highest * 0.93_f64.powi(i);
+            out.push(vec![0.02, frequency, 0.03]);
+        }
+        out
     }
 
     fn stage<'a>(
@@ -55,40 +71,15 @@ impl Physics for SecondMode {
         let factor = super::mass_change::frequency_factor(model);
         vibration::free_motions_of(values[1] * factor, values[2] * factor)
     }
-}
 
-impl Estimation for SecondMode {
-    fn fitting_rank(&self) -> usize {
-        6
-    }
-}
-
-impl SearchHints for SecondMode {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
-        let mut out = Vec::new();
-        let count = 36;
-        for i in 0..count {
-            // Steps of 7 %, a little wider than the width of a mode with the damping ratio that goes with
-            // them.
-            let frequency = 0.9 * highest * 0.93_f64.powi(i);
-            out.push(vec![0.02, frequency, 0.03]);
-        }
-        out
-    }
-
-    fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
+    fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
         let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
         (values[1] > AT_ITS_LIMIT * highest_rad_s).then(|| {
-            format!(
+            Doubt::RuledOut(format!(
                 "its {:.0} Hz are half the sampling rate, where nothing shows a resonance",
                 values[1] / std::f64::consts::TAU
-            )
+            ))
         })
-    }
-
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(super::vibration::ID).is_some()
     }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
@@ -96,26 +87,6 @@ impl SearchHints for SecondMode {
             .iter()
             .map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio])
             .collect()
-    }
-}
-
-impl Presentation for SecondMode {
-    fn equations(&self) -> &'static str {
-        r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
-itself where there is no `vibration`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SecondMode {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
     }
 
     fn values_at(

@@ -4,13 +4,9 @@
 //! exact for a held force. Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
-    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 
 /// Identifier in files and on the command line.
@@ -115,22 +111,36 @@ impl LinearLanes for LagLanes {
     }
 }
 
-impl Physics for SensorBandwidth {
+impl Effect for SensorBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The sensor's electronics filter what they read: fast motion appears smaller and later.".into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126".into(),
-            place: Place::SensorBandwidth,
             modifies: Some(super::vibration::ID),
             experiment: "multisines up to a third of the sampling rate".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`.",
+            ..Declaration::at(Place::SensorBandwidth)
         }
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        super::lag_parameters(overview)
+        lag_parameters(overview)
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview
+            .sensor_bandwidth_hz
+            .map(|bandwidth_hz| vec![bandwidth_hz]);
+        by_data_sheet
+            .into_iter()
+            .chain(lag_starts(overview))
+            .collect()
     }
 
     fn goes_by_ends(&self, model: &Model) -> bool {
@@ -160,36 +170,7 @@ impl Physics for SensorBandwidth {
             frequency_rad_s: 0.0,
         }]
     }
-}
 
-impl Estimation for SensorBandwidth {}
-
-impl SearchHints for SensorBandwidth {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview
-            .sensor_bandwidth_hz
-            .map(|bandwidth_hz| vec![bandwidth_hz]);
-        by_data_sheet
-            .into_iter()
-            .chain(super::lag_starts(overview))
-            .collect()
-    }
-}
-
-impl Presentation for SensorBandwidth {
-    fn equations(&self) -> &'static str {
-        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SensorBandwidth {
     fn values_at(
         &self,
         strength: f64,

@@ -10,13 +10,9 @@
 
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
-    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -169,18 +165,24 @@ impl LinearLanes for FilterLanes {
     }
 }
 
-impl Physics for SensorFilter {
+impl Effect for SensorFilter {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "A second-order low-pass in the sensor's electronics: fast motion appears later and, beyond its frequency, smaller."
-                .into(),
+            .into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126; Butterworth, Wireless Engineer 7 (1930) 536-541".into(),
-            place: Place::SensorBandwidth,
             modifies: Some(super::vibration::ID),
             experiment: "multisines up to a third of the sampling rate".into(),
-            candidate: true,
             one_sided: true,
+            follows_motion: true,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
+exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`.",
+            ..Declaration::at(Place::SensorBandwidth)
         }
     }
 
@@ -197,6 +199,16 @@ impl Physics for SensorFilter {
             // and the slower one alone is a bandwidth of the sensor.
             Parameter::logarithmic("damping_ratio", "1", DESIGNED_DAMPING_MIN, 1.0),
         ]
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview.sensor_bandwidth_hz;
+        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
+        by_data_sheet
+            .into_iter()
+            .chain(elsewhere)
+            .map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2])
+            .collect()
     }
 
     fn stage<'a>(
@@ -224,51 +236,17 @@ impl Physics for SensorFilter {
         // What is read between two instants is taken as straight: finer than others need where records are
         // neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
-        super::substeps_inside_period(dt_s).max(straight)
+        substeps_inside_period(dt_s).max(straight)
     }
 
     fn goes_by_ends(&self, model: &Model) -> bool {
         taken_in_by_modes(model).is_some()
     }
 
-    fn follows_motion(&self) -> bool {
-        true
-    }
-
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         free_motions_of(TAU * values[0], values[1])
     }
-}
 
-impl Estimation for SensorFilter {}
-
-impl SearchHints for SensorFilter {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview.sensor_bandwidth_hz;
-        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
-        by_data_sheet
-            .into_iter()
-            .chain(elsewhere)
-            .map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2])
-            .collect()
-    }
-}
-
-impl Presentation for SensorFilter {
-    fn equations(&self) -> &'static str {
-        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
-exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SensorFilter {
     fn values_at(
         &self,
         strength: f64,

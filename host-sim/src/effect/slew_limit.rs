@@ -1,11 +1,7 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "slew_limit";
@@ -56,7 +52,7 @@ impl Stage for SlewStage {
     }
 }
 
-impl Physics for SlewLimit {
+impl Effect for SlewLimit {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -64,11 +60,17 @@ impl Physics for SlewLimit {
                 "The amplifier's current limit clamps how fast the voltage on the piezo can change."
                     .into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
-            place: Place::AmplifierSlew,
-            modifies: None,
             experiment: "large sines of rising frequency: straight flanks above one slope".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the rate of the drive and changes sign with it.",
+            },
+            equations: r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
+
+With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
+model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`.",
+            ..Declaration::at(Place::AmplifierSlew)
         }
     }
 
@@ -81,13 +83,20 @@ impl Physics for SlewLimit {
         )]
     }
 
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03]
+            .iter()
+            .map(|share| vec![share * overview.slope_max_v_s.max(1.0)])
+            .collect()
+    }
+
     fn stage<'a>(
         &self,
         model: &Model,
         values: &[f64],
         setting: &Setting<'a>,
     ) -> Option<Box<dyn Stage + 'a>> {
-        let gives_mean = !setting.runs_straight && super::takes_the_mean_in(model);
+        let gives_mean = !setting.runs_straight && takes_the_mean_in(model);
         Some(Box::new(SlewStage {
             step_max_v: values[0] * setting.dt_s,
             voltage_v: model.drive_min_v,
@@ -96,38 +105,9 @@ impl Physics for SlewLimit {
     }
 
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
-        super::substeps_inside_period(dt_s)
-    }
-}
-
-impl Estimation for SlewLimit {}
-
-impl SearchHints for SlewLimit {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03]
-            .iter()
-            .map(|share| vec![share * overview.slope_max_v_s.max(1.0)])
-            .collect()
-    }
-}
-
-impl Presentation for SlewLimit {
-    fn equations(&self) -> &'static str {
-        r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
-
-With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
-model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`."
+        substeps_inside_period(dt_s)
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the rate of the drive and changes sign with it.",
-        }
-    }
-}
-
-impl SyntheticCases for SlewLimit {
     fn values_at(
         &self,
         strength: f64,

@@ -5,14 +5,9 @@ use super::arrival::{Arrival, Over};
 use super::force_balance::{BalancedMass, forces_of};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
-    Picture, Place, Presentation, Resonance, SearchHints, Setting, SimulatedStage, Stage,
-    SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
 
@@ -672,22 +667,9 @@ impl Stage for VibrationStage {
             self.second_beside(forces, signal);
         }
     }
-    fn shared_part(&self) -> Option<Vec<f64>> {
-        match &self.first {
-            Some(First::Held(held)) if self.late.is_empty() => Some(held.values()),
-            _ => None,
-        }
-    }
-    fn keep_shared_part(&mut self) {
-        self.by_held = Some(Vec::new());
-    }
-    fn by_shared_part(&self) -> &[f64] {
-        self.by_held.as_deref().unwrap_or_default()
-    }
-    fn run_sharing(&mut self, _from: usize, signal: &mut [f64], part: &[f64]) {
-        let forces = signal.to_vec();
-        signal.copy_from_slice(part);
-        self.second_beside(forces, signal);
+    fn shared(&mut self) -> Option<&mut dyn SharedPart> {
+        let held = matches!(self.first, Some(First::Held(_)));
+        (held && self.late.is_empty()).then_some(self)
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         let first = match &self.first {
@@ -737,6 +719,26 @@ impl Stage for VibrationStage {
                 .map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
             late: self.late.iter().map(|_| vec![0.0; lanes]).collect(),
         }))
+    }
+}
+
+impl SharedPart for VibrationStage {
+    fn made_by(&self) -> Vec<f64> {
+        match &self.first {
+            Some(First::Held(held)) => held.values(),
+            _ => Vec::new(),
+        }
+    }
+    fn keep(&mut self) {
+        self.by_held = Some(Vec::new());
+    }
+    fn kept(&self) -> &[f64] {
+        self.by_held.as_deref().unwrap_or_default()
+    }
+    fn run_with(&mut self, signal: &mut [f64], part: &[f64]) {
+        let forces = signal.to_vec();
+        signal.copy_from_slice(part);
+        self.second_beside(forces, signal);
     }
 }
 
@@ -901,17 +903,23 @@ pub(super) fn free_motions_of(natural_frequency_rad_s: f64, damping_ratio: f64) 
         .to_vec()
 }
 
-impl Physics for Vibration {
+impl Effect for Vibration {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Mass, stiffness and damping make the displacement follow the piezo force as a second-order mode.".into(),
             reference: "thesis Ch. 5, Eq. 12".into(),
-            place: Place::Vibration,
-            modifies: None,
             experiment: "a small multisine or sweep beyond the resonance".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 3,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
+
+States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
+`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`.",
+            ..Declaration::at(Place::Vibration)
         }
     }
 
@@ -922,6 +930,17 @@ impl Physics for Vibration {
             Parameter::logarithmic("natural_frequency_rad_s", "rad/s", 1.0, highest),
             Parameter::logarithmic("damping_ratio", "1", 1e-4, 20.0),
         ]
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
+        let mut out = Vec::new();
+        for fraction in [0.05, 0.08, 0.13, 0.2, 0.33] {
+            for damping_ratio in [0.6, 0.05] {
+                out.push(vec![fraction * highest, damping_ratio]);
+            }
+        }
+        out
     }
 
     fn stage<'a>(
@@ -937,25 +956,6 @@ impl Physics for Vibration {
         let factor = super::mass_change::frequency_factor(model);
         free_motions_of(values[0] * factor, values[1] * factor)
     }
-}
-
-impl Estimation for Vibration {
-    fn fitting_rank(&self) -> usize {
-        3
-    }
-}
-
-impl SearchHints for Vibration {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
-        let mut out = Vec::new();
-        for fraction in [0.05, 0.08, 0.13, 0.2, 0.33] {
-            for damping_ratio in [0.6, 0.05] {
-                out.push(vec![fraction * highest, damping_ratio]);
-            }
-        }
-        out
-    }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances
@@ -964,46 +964,24 @@ impl SearchHints for Vibration {
             .collect()
     }
 
-    fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
+    fn doubt(&self, _model: &Model, values: &[f64]) -> Option<Doubt> {
+        let (rad_s, ratio) = (values[0], values[1]);
         // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names
         // of their own.
-        (values[1] > 1.0).then(|| {
-            format!(
-                "with a damping ratio of {:.2} it does not ring: it is two lags",
-                values[1]
-            )
-        })
-    }
-
-    fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
-        (values[1] > 0.5).then(|| {
-            let hz = values[0] / std::f64::consts::TAU;
-            format!(
-                "a mechanical resonance with a damping ratio of {:.2} is rare; its damping is that of a second-order low-pass of {hz:.0} Hz in \
-                 the electronics",
-                values[1]
-            )
-        })
-    }
-}
-
-impl Presentation for Vibration {
-    fn equations(&self) -> &'static str {
-        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
-
-States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
-`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
+        if ratio > 1.0 {
+            return Some(Doubt::RuledOut(format!(
+                "with a damping ratio of {ratio:.2} it does not ring: it is two lags"
+            )));
         }
+        let hz = rad_s / std::f64::consts::TAU;
+        (ratio > 0.5).then(|| {
+            Doubt::Unlikely(format!(
+                "a mechanical resonance with a damping ratio of {ratio:.2} is rare; its damping is that of a second-order low-pass of {hz:.0} Hz in \
+                 the electronics"
+            ))
+        })
     }
-}
 
-impl SyntheticCases for Vibration {
     fn values_at(
         &self,
         _strength: f64,

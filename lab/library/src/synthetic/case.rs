@@ -267,7 +267,7 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
     let also: Vec<String> = hidden
         .iter()
         .filter_map(|(id, _)| by_id(id))
-        .flat_map(|e| e.comes_with())
+        .flat_map(|e| e.declaration().comes_with)
         .map(|id| (*id).to_owned())
         .collect();
     let mut wanted: Vec<(String, f64)> = base.iter().map(|id| (id.clone(), 1.5)).collect();
@@ -303,7 +303,11 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
     let lsb_um = converter.map_or(0.0, |e| e.values()[0]);
     plant.model = plant.model.before_rounding().into_owned();
     let noise_um = plant.noise_um.hypot(rounding_noise(lsb_um));
-    let with_force = plant.model.effects.iter().any(|e| e.effect.needs_force());
+    let with_force = plant
+        .model
+        .effects
+        .iter()
+        .any(|e| e.effect.declaration().needs_force);
     let mut without = plant.model.clone();
     without
         .effects
