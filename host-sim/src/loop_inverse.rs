@@ -39,7 +39,7 @@ impl LoopInverse {
             .iter()
             .find(|e| e.effect.declaration().is_main())?;
         let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
-        let mut loops = main.effect.loops(model, &main.values(), &setting)?;
+        let mut loops = main.loops(model, &setting)?;
         let drive_v = model.virgin_drive_v();
         loops.step(0, drive_v);
         Some(Self {
@@ -162,7 +162,7 @@ mod tests {
     fn forward(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let main = &model.effects[0];
         let setting = Setting::of_held_drive(0.0, 80.0, dt_s);
-        let mut stage = main.effect.stage(model, &main.values(), &setting).unwrap();
+        let mut stage = main.stage(model, &setting).unwrap();
         stage.settle(0.0);
         drive_v
             .iter()

@@ -102,7 +102,7 @@ fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnSt
     for (effect, fine) in model.order_with_fineness(drive) {
         let instance = &model.effects[effect];
         let setting = model.setting(drive, if fine { substeps } else { 1 });
-        if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
+        if let Some(stage) = instance.stage(model, &setting) {
             out.push(OwnStage {
                 effect,
                 id: instance.id.clone(),
@@ -378,7 +378,7 @@ fn lanes_of<'a>(
                 let setting = model.setting(drive, if own.fine { substeps } else { 1 });
                 let mut tried = Vec::new();
                 for value in &mut row {
-                    let mut one = instance.effect.stage(model, &instance.values(), &setting)?;
+                    let mut one = instance.stage(model, &setting)?;
                     *value = (one.settle(at_rest[i] + TRIAL_STEP * *value) - at_rest[i + 1])
                         / TRIAL_STEP;
                     tried.push(one);

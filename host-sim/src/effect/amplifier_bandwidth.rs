@@ -7,7 +7,7 @@ use crate::block::{Block, Linear};
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "amplifier_bandwidth";
+pub const ID: &str = id::AMPLIFIER_BANDWIDTH;
 
 /// First-order lag in front of the hysteresis.
 pub struct AmplifierBandwidth;
@@ -83,16 +83,12 @@ period is divided into 2. At rest `v = y = x`.",
         lag_starts(overview)
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let (decay, mean_weight) = lag_weights(values[0], setting.dt_s);
-        let gives_mean = super::arrival::gliding_s(model).is_none() && takes_the_mean_in(model);
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let (decay, mean_weight) = lag_weights(from.values[0], from.setting.dt_s);
+        let gives_mean =
+            super::arrival::gliding_s(from.model).is_none() && takes_the_mean_in(from.model);
         let output_weight = if gives_mean { mean_weight } else { decay };
-        let left_of_rise = if setting.runs_straight {
+        let left_of_rise = if from.setting.runs_straight {
             mean_weight
         } else {
             0.0
@@ -101,8 +97,8 @@ period is divided into 2. At rest `v = y = x`.",
             decay,
             output_weight,
             left_of_rise,
-            voltage_v: model.drive_min_v,
-            before_v: model.drive_min_v,
+            voltage_v: from.model.drive_min_v,
+            before_v: from.model.drive_min_v,
         }))
     }
 
@@ -116,12 +112,7 @@ period is divided into 2. At rest `v = y = x`.",
         }
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![3000.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![3000.0 / case.strength.max(0.01)])
     }
 }

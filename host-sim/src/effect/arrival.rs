@@ -8,7 +8,7 @@
 //! straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the
 //! bend of the loops alone, and two are as good as four were in which the mean of the voltage was held.
 
-use super::{amplifier_bandwidth, delay, slew_limit};
+use super::delay;
 use crate::linear_system::ContinuousSystem;
 use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
@@ -105,9 +105,9 @@ impl Arrival {
 /// Time constant of the amplifier whose voltage glides from one end of an interval to the next; where its
 /// slope is limited too, sub-intervals show the shape.
 pub(super) fn gliding_s(model: &Model) -> Option<f64> {
-    let bandwidth_hz = model.values(amplifier_bandwidth::ID)?[0];
+    let bandwidth_hz = model.values(id::AMPLIFIER_BANDWIDTH)?[0];
     model
-        .effect(slew_limit::ID)
+        .effect(id::SLEW_LIMIT)
         .is_none()
         .then(|| 1.0 / (std::f64::consts::TAU * bandwidth_hz))
 }

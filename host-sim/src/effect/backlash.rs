@@ -78,25 +78,15 @@ impl Effect for Backlash {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(BacklashStage {
-            half_gap_um: 0.5 * values[0].max(0.0),
+            half_gap_um: 0.5 * from.values[0].max(0.0),
             taken_along_um: 0.0,
         }))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.06 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.06 * case.strength])
     }
 }
 

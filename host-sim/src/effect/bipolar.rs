@@ -3,7 +3,7 @@
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "bipolar";
+pub const ID: &str = id::BIPOLAR;
 
 /// Moves the lower limit from which the one-sided hysteresis counts.
 pub struct Bipolar;
@@ -23,7 +23,7 @@ impl Effect for Bipolar {
             id: ID.into(),
             physics: "The drive goes below zero: the one-sided memory then counts from the lowest drive, not from zero.".into(),
             reference: "thesis Ch. 8, future work 2".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "triangles of growing height that begin at the lowest drive".into(),
             equations: r"`low = lower_limit_v` in the `X` of `hysteresis`.",
             ..Declaration::on_request(Place::Hysteresis)

@@ -14,8 +14,7 @@ struct BoucWenStage {
     gamma: f64,
     state: f64,
     last: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
 }
 
 impl BoucWenStage {
@@ -27,15 +26,14 @@ impl BoucWenStage {
             gamma: values[3],
             state: 0.0,
             last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
         }
     }
 }
 
 impl Stage for BoucWenStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let change = x - self.last;
         // With |h| of one sign the equation is linear in h; stepping it in small pieces keeps the sign
         // changes right.
@@ -56,8 +54,8 @@ impl Stage for BoucWenStage {
             alpha: self.alpha_um,
             beta: self.beta,
             gamma: self.gamma,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
     }
 }
@@ -94,7 +92,7 @@ The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|),
         vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(BoucWenStage::new(model, values)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(BoucWenStage::new(from.model, from.values)))
     }
 }

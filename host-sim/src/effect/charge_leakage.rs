@@ -70,27 +70,17 @@ With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_m
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let decay = (-setting.dt_s / values[1]).exp();
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let decay = (-from.setting.dt_s / from.values[1]).exp();
         Some(Box::new(LeakStage {
             decay,
-            share: values[0],
+            share: from.values[0],
             leaked: 0.0,
-            rest_v: model.drive_min_v,
+            rest_v: from.model.drive_min_v,
         }))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.02 * case.strength, case.about(30.0)])
     }
 }

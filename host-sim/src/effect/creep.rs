@@ -333,6 +333,7 @@ impl Effect for Creep {
 
 Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
 Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
             ..Declaration::at(Place::Creep)
         }
     }
@@ -369,17 +370,8 @@ Behind modes it goes once a period, by the values at the ends of periods.",
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(CreepStage::new(values, setting.dt_s)))
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(CreepStage::new(from.values, from.setting.dt_s)))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
@@ -399,16 +391,11 @@ Behind modes it goes once a period, by the values at the ends of periods.",
             .then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(
             [0.02, 0.2, 2.0, 20.0]
                 .iter()
-                .flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau])
+                .flat_map(|tau| [case.about(0.006 * case.strength), *tau])
                 .collect(),
         )
     }

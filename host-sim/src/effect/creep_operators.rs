@@ -112,6 +112,7 @@ impl Effect for CreepOperators {
 
 With `a = exp(-T / tau)`, `m = (1 - a) tau / T` and the middle `(x[k-1] + x[k]) / 2` of an interval, which decides on the side: `z[k] = a z[k-1] + (m - a) (x[k-1] - o) + (1 - m) (x[k] - o)`, `o = r` above, `o = -r` below; `z[k] = z[k-1]` between. At rest each `z_i = min(max(z_i, x - r), x + r)` from 0.
 Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
             ..Declaration::on_request(Place::Creep)
         }
     }
@@ -157,10 +158,6 @@ Behind modes it goes once a period, by the values at the ends of periods.",
         vec![grid.collect()]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0 && count.is_multiple_of(3)).then(|| {
             Arc::new(Self {
@@ -169,15 +166,11 @@ Behind modes it goes once a period, by the values at the ends of periods.",
         })
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let operators = values
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let operators = from
+            .values
             .chunks_exact(3)
-            .map(|v| Operator::new(v, setting.dt_s))
+            .map(|v| Operator::new(v, from.setting.dt_s))
             .collect();
         Some(Box::new(OperatorStage {
             operators,

@@ -142,6 +142,7 @@ impl Effect for CreepPolePair {
             equations: r"`y = x + share z + velocity_share v`, with `w = natural_frequency_rad_s`: `z' = w v`, `v' = w (x - z - 2 damping_ratio v)`.
 
 Exact for an input that runs straight through the interval. At rest `z = x`, `v = 0`. Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
             ..Declaration::on_request(Place::Creep)
         }
     }
@@ -169,18 +170,9 @@ Exact for an input that runs straight through the interval. At rest `z = x`, `v 
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PairStage {
-            carried: Carried::new(values, setting.dt_s),
+            carried: Carried::new(from.values, from.setting.dt_s),
             state: [0.0; 2],
             input: 0.0,
         }))

@@ -43,7 +43,7 @@ impl Stage for DelayStage {
 /// The delay that the vibration stage takes in, s.
 pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
     let delay = model.effect(ID)?;
-    model.effect(super::vibration::ID)?;
+    model.effect(id::VIBRATION)?;
     let passes_steps_on = |e: &EffectInstance| {
         let place = e.effect.declaration().place;
         // Friction acts on the moving mass, in the vibration stage.
@@ -68,7 +68,7 @@ impl Effect for Delay {
             id: ID.into(),
             physics: "Converters and computation take time: the drive acts a fixed time after it was written.".into(),
             reference: "Franklin, Powell, Workman, Digital Control of Dynamic Systems (1998)".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "a multisine: phase that falls in proportion to frequency at flat gain".into(),
             one_sided: true,
             picture: Picture {
@@ -103,20 +103,15 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         // Where the drive runs straight, what the stage makes of two ends is no mean but the place between
         // them.
-        if taken_in_s(model).is_some() && !setting.runs_straight {
+        if taken_in_s(from.model).is_some() && !from.setting.runs_straight {
             return None;
         }
-        let intervals = (values[0] / setting.dt_s).max(0.0);
+        let intervals = (from.values[0] / from.setting.dt_s).max(0.0);
         let whole = intervals.floor();
-        let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
+        let line = std::iter::repeat_n(from.model.drive_min_v, whole as usize + 1).collect();
         Some(Box::new(DelayStage {
             line,
             late_share: intervals - whole,
@@ -148,13 +143,8 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         }
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![50e-6 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![50e-6 * case.strength])
     }
 }
 

@@ -13,8 +13,7 @@ struct DuhemStage {
     elastic_um: f64,
     output: f64,
     last: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
 }
 
 impl DuhemStage {
@@ -25,15 +24,14 @@ impl DuhemStage {
             elastic_um: values[2],
             output: 0.0,
             last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
         }
     }
 }
 
 impl Stage for DuhemStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let change = x - self.last;
         // w' = approach |x'| (slope x - w) + elastic x': linear in w along a monotone piece, with a straight
         // x.
@@ -55,8 +53,8 @@ impl Stage for DuhemStage {
             approach: self.approach,
             slope: self.slope_um,
             elastic: self.elastic_um,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
     }
 }
@@ -92,7 +90,7 @@ Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) s
         vec![vec![3.0, scale, 0.7 * scale]]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(DuhemStage::new(model, values)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(DuhemStage::new(from.model, from.values)))
     }
 }

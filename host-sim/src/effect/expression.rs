@@ -421,13 +421,8 @@ impl Effect for ExpressionEffect {
         self.starts.clone()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let recorded = setting.signals;
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let recorded = from.setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
         for (i, name) in self.declaration.auxiliary.iter().enumerate() {
             let found = recorded
@@ -437,7 +432,7 @@ impl Effect for ExpressionEffect {
             signals.push((GIVEN.len() + i, found.map_or(&[], |signal| &signal.values)));
         }
         let mut all = vec![0.0; GIVEN.len() + self.declaration.auxiliary.len()];
-        all.extend_from_slice(values);
+        all.extend_from_slice(from.values);
         let states = all.len()..all.len() + self.initial.len();
         all.extend_from_slice(&self.initial);
         let mut stage = ExpressionStage {
@@ -445,13 +440,13 @@ impl Effect for ExpressionEffect {
             values: all,
             states,
             input: 0.0,
-            setting: *setting,
+            setting: *from.setting,
             parts: 1,
             units: vec![1.0; self.initial.len()],
             signals,
             room: Vec::new(),
         };
-        match parts_for(stage.rate_at_rest() * setting.dt_s) {
+        match parts_for(stage.rate_at_rest() * from.setting.dt_s) {
             Some(parts) => stage.parts = parts,
             // The first step gives NaN, where the caller can name the record.
             None => stage.values[stage.states.clone()].fill(f64::NAN),
@@ -469,6 +464,20 @@ mod tests {
         Setting::of_held_drive(0.0, 1.0, dt_s)
     }
 
+    fn stage_of<'a>(
+        effect: &ExpressionEffect,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Box<dyn Stage + 'a> {
+        let model = &Model::new(0.0, 1.0);
+        let from = Build {
+            model,
+            values,
+            setting,
+        };
+        effect.stage(&from).unwrap()
+    }
+
     #[test]
     fn a_written_lag_is_the_built_in_lag() {
         let effect = ExpressionEffect::from_toml(
@@ -477,9 +486,7 @@ mod tests {
         .unwrap();
         // The third is sixty times as fast as the sampling.
         for (tau_s, dt_s) in [(1e-3, 1e-4), (1e-4, 1e-4), (1e-3, 0.06)] {
-            let mut stage = effect
-                .stage(&Model::new(0.0, 1.0), &[tau_s], &setting(dt_s))
-                .unwrap();
+            let mut stage = stage_of(&effect, &[tau_s], &setting(dt_s));
             for k in 0..50 {
                 let t = f64::from(k + 1) * dt_s;
                 let y = stage.step(k as usize, t);
@@ -490,9 +497,7 @@ mod tests {
                 );
             }
         }
-        let mut stage = effect
-            .stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1))
-            .unwrap();
+        let mut stage = stage_of(&effect, &[1e-6], &setting(0.1));
         assert!(
             stage.step(0, 1.0).is_nan(),
             "a state that cannot be followed is abandoned, not followed wrongly"
@@ -513,9 +518,7 @@ mod tests {
         let (dt_s, zeta) = (5e-5, 0.02);
         let steps = |per: f64| -> Vec<f64> {
             let effect = written_mode(per);
-            let mut stage = effect
-                .stage(&Model::new(0.0, 1.0), &[zeta], &setting(dt_s))
-                .unwrap();
+            let mut stage = stage_of(&effect, &[zeta], &setting(dt_s));
             stage.settle(1.0);
             (0..400).map(|k| stage.step(k, 1.0)).collect()
         };
@@ -551,17 +554,15 @@ mod tests {
             force_n: Some(&[5.0, 6.0]),
             auxiliary: &auxiliary,
         };
-        let mut stage = effect
-            .stage(
-                &Model::new(0.0, 1.0),
-                &[],
-                &Setting {
-                    substeps: 2,
-                    signals,
-                    ..setting(1e-3)
-                },
-            )
-            .unwrap();
+        let mut stage = stage_of(
+            &effect,
+            &[],
+            &Setting {
+                substeps: 2,
+                signals,
+                ..setting(1e-3)
+            },
+        );
         let found: Vec<f64> = (0..4).map(|k| stage.step(k, 0.5)).collect();
         assert_eq!(found, [531.5, 531.5, 642.5, 642.5]);
     }

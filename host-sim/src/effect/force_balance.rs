@@ -9,7 +9,7 @@
 //! the last digits, and what a small force does is not hidden by the error of the steps.
 
 use super::arrival::{Arrival, Over};
-use super::vibration::ModeLaw;
+use super::mode::ModeLaw;
 use crate::linear_system::ContinuousSystem;
 use crate::physics::*;
 
@@ -19,7 +19,7 @@ pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn Restori
     let mut forces: Vec<Box<dyn RestoringForce>> = model
         .effects
         .iter()
-        .filter_map(|e| e.effect.restoring_force(model, &e.values(), setting))
+        .filter_map(|e| e.restoring_force(model, setting))
         .collect();
     if let (false, Some(bristle)) = (forces.is_empty(), super::friction::Bristle::of(model)) {
         forces.push(Box::new(bristle));
@@ -495,19 +495,19 @@ pub(super) struct RestingPlace {
 }
 
 impl RestingPlace {
-    /// The stage of one force alone; none in a model with inertia, where the force holds the moving mass.
+    /// The stage of the force of one effect; none in a model with inertia, where the force holds the moving
+    /// mass.
     pub(super) fn without_inertia<'a>(
-        model: &Model,
-        force: impl FnOnce() -> Box<dyn RestoringForce>,
+        effect: &dyn Effect,
+        from: &Build,
     ) -> Option<Box<dyn Stage + 'a>> {
-        let alone = || Self {
-            balance: Balance::new(vec![force()], 1.0),
+        if from.model.effect(id::VIBRATION).is_some() {
+            return None;
+        }
+        Some(Box::new(Self {
+            balance: Balance::new(vec![effect.restoring_force(from)?], 1.0),
             displacement_um: 0.0,
-        };
-        model
-            .effect(super::vibration::ID)
-            .is_none()
-            .then(|| Box::new(alone()) as Box<dyn Stage>)
+        }))
     }
 }
 

@@ -224,7 +224,7 @@ impl Effect for Friction {
             id: ID.into(),
             physics: "Dry friction in the guide holds the stage at every reversal until the force breaks it away.".into(),
             reference: "thesis Ch. 3, Eqs. 1-6 (presliding); Dupont et al., IEEE Trans. Autom. Control 47 (2002)".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "small slow triangles around several positions: plateaus behind each reversal".into(),
             one_sided: true,
             costly: true,
@@ -266,26 +266,17 @@ that is divided where the mass sticks and slides. No export does this.",
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
-        if model.effect(super::vibration::ID).is_some() {
+        if from.model.effect(id::VIBRATION).is_some() {
             return None;
         }
-        Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
+        Bristle::of(from.model)
+            .map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.03 * strength, 1.0 * (0.8 + 0.4 * random())])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.03 * case.strength, case.about(1.0)])
     }
 }
 

@@ -4,7 +4,7 @@ use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "gain";
+pub const ID: &str = id::GAIN;
 
 /// Displacement proportional to the drive above its lower limit.
 pub struct Gain;
@@ -56,10 +56,10 @@ impl Effect for Gain {
         vec![vec![overview.gain_um_v]]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
         Some(Box::new(GainStage {
-            gain_um_v: values[0],
-            lower_limit_v: model.drive_min_v,
+            gain_um_v: from.values[0],
+            lower_limit_v: from.model.drive_min_v,
         }))
     }
 }

@@ -11,7 +11,7 @@
 
 use super::arrival::Arrival;
 use super::friction::Bristle;
-use super::vibration::{ModeLaw, Motion, Propagator, Within};
+use super::mode::{ModeLaw, Motion, Propagator, Within};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.7;

@@ -6,7 +6,7 @@
 //! drive whose harmonics fall on the same lines would lend them what the loops leave, so they are proposed
 //! only where a line is seen while the drive stands still ([`SearchHints::speaks_for_it`]).
 
-use super::mains_hum::{self, lines_stage};
+use super::mains_hum::lines_stage;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -31,15 +31,16 @@ impl Effect for HumHarmonics {
             "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
             .into(),
             reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
-            modifies: Some(mains_hum::ID),
+            modifies: Some(id::MAINS_HUM),
             experiment: "rest at constant drive for two seconds".into(),
-            beside: Some(mains_hum::ID),
+            beside: Some(id::MAINS_HUM),
             picture: Picture {
                 against: Against::Frequency,
                 caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
             },
             planted: Planted::Never,
             equations: r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample.",
+            goes_by_ends: true,
             ..Declaration::at(Place::Hum)
         }
     }
@@ -63,25 +64,16 @@ impl Effect for HumHarmonics {
         vec![vec![0.0; 2 * MULTIPLES.len()]]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         lines_stage(
-            &self.line_frequencies_hz(model, values),
-            values,
-            setting.dt_s,
+            &self.line_frequencies_hz(from.model, from.values),
+            from.values,
+            from.setting.dt_s,
         )
     }
 
     fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
-        let mains_hz = model.values(mains_hum::ID).map_or(USUAL_HZ, |hum| hum[0]);
+        let mains_hz = model.values(id::MAINS_HUM).map_or(USUAL_HZ, |hum| hum[0]);
         MULTIPLES
             .iter()
             .map(|multiple| f64::from(*multiple) * mains_hz)
@@ -97,16 +89,11 @@ impl Effect for HumHarmonics {
         })
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(
             [0.002, 0.002, 0.003, 0.003]
                 .iter()
-                .map(|um| um * strength)
+                .map(|um| um * case.strength)
                 .chain([0.0; 2 * MULTIPLES.len() - 4])
                 .collect(),
         )

@@ -11,12 +11,13 @@ use super::two_sided::TwoSidedMemory;
 use super::{bipolar, rate_dependence};
 use crate::block::Block;
 use crate::hysteresis_coefficients::CoefficientWalk;
-use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
+pub use crate::hysteresis_surface::degree_of;
+use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, coefficient_count, loop_terms};
 use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "hysteresis";
+pub const ID: &str = id::HYSTERESIS;
 
 /// Classical Preisach hysteresis in polynomial surfaces.
 pub struct Hysteresis {
@@ -29,20 +30,6 @@ impl Default for Hysteresis {
     fn default() -> Self {
         Self { degree: 4 }
     }
-}
-
-/// Number of coefficients of a loop surface.
-#[must_use]
-pub const fn coefficient_count(degree: usize) -> usize {
-    degree * (degree + 1) / 2
-}
-
-/// Degree of a loop surface with so many coefficients.
-#[must_use]
-pub fn degree_of(coefficients: usize) -> usize {
-    (1..)
-        .find(|d| coefficient_count(*d) >= coefficients)
-        .unwrap_or(1)
 }
 
 #[derive(Clone)]
@@ -79,7 +66,7 @@ impl HeldDrive {
             lower_limit_v,
             range_v: model.drive_max_v - lower_limit_v,
             rate: rate_dependence::RateLaw::of(model),
-            by_rate: model.effect(super::rate_dependent_surfaces::ID).is_some(),
+            by_rate: model.effect(id::RATE_DEPENDENT_SURFACES).is_some(),
             last_drive_v: lower_limit_v,
             dt_s: setting.dt_s,
             substeps: setting.substeps,
@@ -216,7 +203,7 @@ impl Loops for HysteresisStage {
 
 impl HysteresisStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
-        let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
+        let remnant = model.values(id::INITIAL_CURVE).unwrap_or_default();
         let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
         let drive = HeldDrive::of(model, setting);
         let mut stage = Self {
@@ -292,13 +279,13 @@ impl Effect for Hysteresis {
             experiment: "slow triangles of several heights with nested reversals".into(),
             fitting_rank: 1,
             starts_combine: true,
-            beside: Some(super::gain::ID),
+            beside: Some(id::GAIN),
             opening: Opening::OfItself,
             picture: Picture {
                 against: Against::Drive,
                 caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
             },
-            comes_with: &[super::initial_curve::ID],
+            comes_with: &[id::INITIAL_CURVE],
             equations: r"With `X = (x - low) / (drive_max_v - low)`, where `low = drive_min_v`, or `lower_limit_v` of `bipolar`:
 
 - loop surface `G(X, Z) = (X - Z) sum g_i_j_um P_i(X) P_j(Z)` over all `i + j < degree`; `n` coefficients make the least degree with `degree (degree + 1) / 2 >= n`;
@@ -351,33 +338,18 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
             .collect()
     }
 
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(HysteresisStage::new(model, values, setting)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(HysteresisStage::new(
+            from.model,
+            from.values,
+            from.setting,
+        )))
     }
 
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         let degree = degree_of(count);
         (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
     }
-}
-
-/// Inputs at which what stays is looked at.
-const BRANCH: u32 = 200;
-
-/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these
-/// values at most.
-pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
-    model.effect(ID)?;
-    let (_, height_um) = crate::loop_opening::widest_opening_and_height_um(model);
-    let stays = Surfaces::from_legendre(1, &[], remnant);
-    let most_um = (0..=BRANCH)
-        .map(|k| {
-            stays
-                .initial_ascending_curve(f64::from(k) / f64::from(BRANCH))
-                .abs()
-        })
-        .fold(0.0, f64::max);
-    Some(most_um / height_um)
 }
 
 /// Surfaces and play operators walking along the drive, every coefficient apart.
@@ -394,19 +366,19 @@ impl CoefficientWalker {
     /// Of the hysteresis in `model`; `None` without one, or where the surfaces act through the virgin part of
     /// two-sided hysteresis as well.
     pub(crate) fn of(model: &Model, setting: &Setting) -> Option<Self> {
-        if model.effect(super::two_sided::ID).is_some() {
+        if model.effect(id::TWO_SIDED).is_some() {
             return None;
         }
         let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
         let loops = model.effect(ID)?.parameters.len();
-        let curve = count(super::initial_curve::ID);
+        let curve = count(id::INITIAL_CURVE);
         // Of each play operator its weight, the first of its two values.
-        let plays = count(super::play_operators::ID) / 2;
+        let plays = count(id::PLAY_OPERATORS) / 2;
         Some(Self {
             counts: [
                 (ID, loops, 1),
-                (super::initial_curve::ID, curve, 1),
-                (super::play_operators::ID, plays, 2),
+                (id::INITIAL_CURVE, curve, 1),
+                (id::PLAY_OPERATORS, plays, 2),
             ],
             contributions: Contributions {
                 walk: CoefficientWalk::virgin(degree_of(loops), curve),

@@ -1,10 +1,11 @@
 //! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop removes.
 
+use crate::hysteresis_surface::Surfaces;
 use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "initial_curve";
+pub const ID: &str = id::INITIAL_CURVE;
 
 /// Remnant `R(M)` of the one-sided model; the hysteresis stage adds it.
 pub struct InitialCurve {
@@ -26,11 +27,11 @@ impl Effect for InitialCurve {
             physics: "The first rise to a voltage never reached before switches domains that do not switch back: displacement remains."
             .into(),
             reference: "thesis Ch. 4, Eqs. 1, 10, 12-14".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "slow triangles of growing height from the virgin state".into(),
             fitting_rank: 2,
             starts_combine: true,
-            beside: Some(super::hysteresis::ID),
+            beside: Some(id::HYSTERESIS),
             picture: Picture {
                 against: Against::Drive,
                 caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
@@ -69,7 +70,7 @@ impl Effect for InitialCurve {
     }
 
     fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
-        let share = super::hysteresis::share_that_stays(model, values)?;
+        let share = share_that_stays(model, values)?;
         (share < crate::loop_opening::OF_DOMAINS).then(|| {
             Doubt::Unlikely(format!(
                 "what stays of the first rise is {:.2} % of the height of the loops, of domains some per cent; what else goes slowly on its own way may look so",
@@ -78,12 +79,26 @@ impl Effect for InitialCurve {
         })
     }
 
-    fn values_at(
-        &self,
-        _strength: f64,
-        stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(stage.remnant_um.clone())
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(case.stage.remnant_um.clone())
     }
+}
+
+/// Inputs at which what stays is looked at.
+const BRANCH: u32 = 200;
+
+/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these
+/// values at most.
+fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
+    model.effect(id::HYSTERESIS)?;
+    let (_, height_um) = crate::loop_opening::widest_opening_and_height_um(model);
+    let stays = Surfaces::from_legendre(1, &[], remnant);
+    let most_um = (0..=BRANCH)
+        .map(|k| {
+            stays
+                .initial_ascending_curve(f64::from(k) / f64::from(BRANCH))
+                .abs()
+        })
+        .fold(0.0, f64::max);
+    Some(most_um / height_um)
 }

@@ -33,7 +33,7 @@ impl InverseStage {
             .split_first()
             .map_or((1.0, &[][..]), |(span, terms)| (*span, terms));
         let (loops, curve) =
-            terms.split_at(super::hysteresis::coefficient_count(DEGREE).min(terms.len()));
+            terms.split_at(crate::hysteresis_surface::coefficient_count(DEGREE).min(terms.len()));
         let operator =
             OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, loops, curve), 0.0, span_um);
         Self {
@@ -83,13 +83,13 @@ impl Effect for InversePreisach {
         // other way.
         let span_um = SPAN * overview.range_um.max(1e-6);
         let scale = span_um / overview.gain_um_v.abs().max(1e-12);
-        let mut terms = vec![0.0; super::hysteresis::coefficient_count(DEGREE) + CURVE];
+        let mut terms = vec![0.0; crate::hysteresis_surface::coefficient_count(DEGREE) + CURVE];
         (terms[0], terms[1], terms[2]) = (scale, -0.1 * scale, 0.1 * scale);
         vec![std::iter::once(span_um).chain(terms).collect()]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(InverseStage::new(model, values)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(InverseStage::new(from.model, from.values)))
     }
 }
 

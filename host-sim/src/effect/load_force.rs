@@ -68,24 +68,14 @@ impl Effect for LoadForce {
         }
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(LoadStage {
-            compliance_um_n: values[0],
-            setting: *setting,
+            compliance_um_n: from.values[0],
+            setting: *from.setting,
         }))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.02 * case.strength])
     }
 }

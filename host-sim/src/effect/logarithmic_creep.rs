@@ -65,6 +65,7 @@ impl Effect for LogarithmicCreep {
             equations: r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
 
 It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms. They have `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))` and `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`. The last share is half of that.",
+            goes_by_ends: true,
             ..Declaration::on_request(Place::Creep)
         }
     }
@@ -87,17 +88,8 @@ It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger o
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(stage_of_terms(&flat(values), setting.dt_s))
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(stage_of_terms(&flat(from.values), from.setting.dt_s))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {

@@ -8,7 +8,7 @@ use crate::physics::*;
 pub struct MainsHum;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "mains_hum";
+pub const ID: &str = id::MAINS_HUM;
 
 /// Frequencies that mains may have, Hz.
 const LOWEST_HZ: f64 = 45.0;
@@ -100,6 +100,7 @@ impl Effect for MainsHum {
             },
             planted: Planted::InPairs,
             equations: r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`.",
+            goes_by_ends: true,
             ..Declaration::at(Place::Hum)
         }
     }
@@ -127,17 +128,8 @@ impl Effect for MainsHum {
         out
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        lines_stage(&values[..1], &values[1..], setting.dt_s)
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(&from.values[..1], &from.values[1..], from.setting.dt_s)
     }
 
     fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
@@ -152,13 +144,8 @@ impl Effect for MainsHum {
                 .any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![50.0, 0.007 * strength, 0.007 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![50.0, 0.007 * case.strength, 0.007 * case.strength])
     }
 }
 

@@ -23,7 +23,7 @@ impl Effect for MassChange {
             id: ID.into(),
             physics: "A load on the stage adds mass: every mode becomes slower and, with the same damper, less damped.".into(),
             reference: "thesis Ch. 7, loaded case".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine with and without the load".into(),
             picture: Picture {
                 against: Against::Frequency,
@@ -42,12 +42,7 @@ impl Effect for MassChange {
         vec![vec![0.0]]
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.1 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.1 * case.strength])
     }
 }

@@ -36,6 +36,7 @@ pub mod logarithmic_creep;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
+mod mode;
 pub mod nonlinear_damping;
 pub mod nonlinear_stiffness;
 pub mod play_operators;

@@ -1,7 +1,6 @@
 //! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow,
 //! with none of it as in dry friction.
 
-use super::vibration;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -52,17 +51,17 @@ impl Effect for NonlinearDamping {
             physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction."
             .into(),
             reference: "Elliott, Ghandchi Tehrani and Langley, Phil. Trans. R. Soc. A 373 (2015) 20140402".into(),
-            modifies: Some(vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
             one_sided: true,
-            beside: Some(vibration::ID),
+            beside: Some(id::VIBRATION),
             picture: Picture {
                 against: Against::Rate,
                 caption: "A force that does not grow in proportion to the velocity.",
             },
             // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
             planted: Planted::Never,
-            comes_with: &[vibration::ID],
+            comes_with: &[id::VIBRATION],
             equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this.",
             ..Declaration::at(Place::Friction)
         }
@@ -85,37 +84,18 @@ impl Effect for NonlinearDamping {
             .collect()
     }
 
-    fn restoring_force(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting,
-    ) -> Option<Box<dyn RestoringForce>> {
+    fn restoring_force(&self, from: &Build) -> Option<Box<dyn RestoringForce>> {
         Some(Box::new(Damper {
-            force_um: values[0],
-            exponent: values[1],
-            at_um: values[2],
+            force_um: from.values[0],
+            exponent: from.values[1],
+            at_um: from.values[2],
         }))
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None // without a mass nothing moves against it
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let half_um = 0.5 * stage.overview.range_um;
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let half_um = 0.5 * case.stage.overview.range_um;
         Some(vec![
-            0.05 * strength * (0.8 + 0.4 * random()) * half_um,
+            case.about(0.05 * case.strength) * half_um,
             2.0,
             half_um,
         ])

@@ -14,7 +14,7 @@ use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "play_operators";
+pub const ID: &str = id::PLAY_OPERATORS;
 
 /// Elements that are carried side by side, and as many sums: one alone would wait for itself at every
 /// element.
@@ -55,6 +55,13 @@ impl PlayOperators {
                 .collect(),
             count: thresholds_and_weights.len(),
         }
+    }
+
+    /// Virgin operators of these weights, with thresholds evenly from zero towards half the range.
+    pub(super) fn evenly(weights: &[f64]) -> Self {
+        let threshold = |i: usize| 0.5 * i as f64 / weights.len() as f64;
+        let each = (0..).map(threshold).zip(weights.iter().copied());
+        Self::new(&each.collect::<Vec<_>>())
     }
 
     /// The operators that `model` has beside its surfaces.
@@ -180,7 +187,7 @@ impl Effect for PlayOperatorsBeside {
             id: ID.into(),
             physics: "Backlash elements beside the smooth loops: kinks that depend only on how far the drive came back.".into(),
             reference: "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "slow triangles of several heights".into(),
             fitting_rank: 2,
             equations: r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each

@@ -17,8 +17,7 @@ pub struct PolynomialLoop;
 struct PolynomialStage {
     middle_um: [f64; MIDDLE],
     opening_um: [f64; OPENING],
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
     last_v: f64,
     rising: bool,
 }
@@ -29,8 +28,7 @@ impl PolynomialStage {
         Self {
             middle_um: std::array::from_fn(value),
             opening_um: std::array::from_fn(|i| value(MIDDLE + i)),
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
             last_v: model.drive_min_v,
             rising: true,
         }
@@ -43,7 +41,7 @@ impl Stage for PolynomialStage {
             self.rising = input > self.last_v;
             self.last_v = input;
         }
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let polynomial = |c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * x + c);
         // Half of the opening vanishes at both ends, where the branches meet.
         let half = x * (1.0 - x) * polynomial(&self.opening_um);
@@ -58,7 +56,7 @@ impl Loops for PolynomialStage {
         if rising == self.rising {
             Vec::new()
         } else {
-            vec![self.last_v + ahead * self.range_v]
+            vec![self.last_v + ahead * self.range.span_v]
         }
     }
 }
@@ -94,7 +92,7 @@ impl Effect for PolynomialLoop {
         vec![vec![scale, 0.0, 0.0, 0.2 * scale, 0.0]]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PolynomialStage::new(model, values)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PolynomialStage::new(from.model, from.values)))
     }
 }

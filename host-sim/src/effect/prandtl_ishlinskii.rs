@@ -16,64 +16,50 @@ pub struct PrandtlIshlinskii {
     pub one_sided_dead_zones: bool,
 }
 
+/// Plays over the drive, with dead zones behind their sum.
 #[derive(Clone)]
-struct PlayStage {
+pub(super) struct PlayStage {
     operators: PlayOperators,
-    dead_zones: Vec<f64>,
-    span_um: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    /// Each with its threshold, um, and its weight.
+    dead_zones: Vec<(f64, f64)>,
+    range: DriveRange,
 }
 
 impl PlayStage {
+    pub(super) fn of_plays(model: &Model, operators: PlayOperators) -> Self {
+        Self {
+            operators,
+            dead_zones: Vec::new(),
+            range: model.drive_range(),
+        }
+    }
+
     fn new(model: &Model, values: &[f64]) -> Self {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
-        let (dead_zones, span_um) = rest
-            .split_last()
-            .map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
+        let (span_um, zones) = rest.split_last().unwrap_or((&0.0, &[]));
+        let threshold = |i: usize| span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
         Self {
-            operators: PlayOperators::new(
-                &weights
-                    .iter()
-                    .enumerate()
-                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
-                    .collect::<Vec<_>>(),
-            ),
-            dead_zones: dead_zones.to_vec(),
-            span_um,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            dead_zones: (0..).map(threshold).zip(zones.iter().copied()).collect(),
+            ..Self::of_plays(model, PlayOperators::evenly(weights))
         }
     }
 }
 
 impl Stage for PlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
-        let sum = self.operators.step(x);
-        let mut output = sum;
-        for (i, weight) in self.dead_zones.iter().enumerate() {
-            let threshold = self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
-            output += weight * (sum - threshold).max(0.0);
-        }
-        output
+        let sum = self.operators.step(self.range.share(input));
+        let zone = |(threshold, weight): &(f64, f64)| weight * (sum - threshold).max(0.0);
+        self.dead_zones
+            .iter()
+            .fold(sum, |output, each| output + zone(each))
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let threshold = |i: usize| self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
-        let zones = self
-            .dead_zones
-            .iter()
-            .enumerate()
-            .map(|(i, weight)| Play {
-                threshold: threshold(i),
-                weight: *weight,
-            })
-            .collect();
+        let zone = |&(threshold, weight): &(f64, f64)| Play { threshold, weight };
         Some(vec![Block::Plays {
             plays: self.operators.plays(),
-            zones,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            zones: self.dead_zones.iter().map(zone).collect(),
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
     }
 }
@@ -83,7 +69,7 @@ impl Loops for PlayStage {
         // Where a dead zone ends the search finds by itself.
         self.operators
             .bends(rising)
-            .map(|x| self.lower_limit_v + self.range_v * x)
+            .map(|x| self.range.at(x))
             .collect()
     }
 }
@@ -144,7 +130,7 @@ impl Effect for PrandtlIshlinskii {
         vec![values]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PlayStage::new(model, values)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PlayStage::new(from.model, from.values)))
     }
 }

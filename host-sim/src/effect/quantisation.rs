@@ -44,6 +44,7 @@ impl Effect for Quantisation {
             },
             planted: Planted::Alone,
             equations: r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`.",
+            goes_by_ends: true,
             ..Declaration::on_request(Place::Quantisation)
         }
     }
@@ -65,25 +66,13 @@ impl Effect for Quantisation {
         vec![vec![overview.range_um / 65536.0]]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(RoundStage {
+            lsb_um: from.values[0],
+        }))
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(RoundStage { lsb_um: values[0] }))
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.005 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.005 * case.strength])
     }
 }

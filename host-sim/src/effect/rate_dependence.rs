@@ -70,10 +70,10 @@ impl Effect for RateDependence {
             physics: "Domains need time to switch: the loops are wider the faster the drive moves."
                 .into(),
             reference: "thesis Ch. 4, Eqs. 16-17".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
             fitting_rank: 5,
-            beside: Some(super::hysteresis::ID),
+            beside: Some(id::HYSTERESIS),
             needs_several_speeds: true,
             picture: Picture {
                 against: Against::Rate,
@@ -106,13 +106,8 @@ In `n` sub-intervals `v` is that of whole periods while the drive steps from sam
         ]]
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.03 * strength, 0.0, 0.0])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.03 * case.strength, 0.0, 0.0])
     }
 }
 

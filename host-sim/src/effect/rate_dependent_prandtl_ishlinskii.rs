@@ -20,8 +20,7 @@ struct RatePlayStage {
     /// Elements with the weights at rest, and their change by the rate.
     operators: PlayOperators,
     by_rate: Vec<f64>,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
     last_v: f64,
     /// Time over which a step of the drive is its rate, s.
     period_s: f64,
@@ -31,9 +30,7 @@ impl Stage for RatePlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let rate = (input - self.last_v).abs() / self.period_s / UNIT_RATE_V_S;
         self.last_v = input;
-        let slow = self
-            .operators
-            .step((input - self.lower_limit_v) / self.range_v);
+        let slow = self.operators.step(self.range.share(input));
         slow + rate
             * self
                 .operators
@@ -52,7 +49,7 @@ impl Loops for RatePlayStage {
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         self.operators
             .bends(rising)
-            .map(|x| self.lower_limit_v + self.range_v * x)
+            .map(|x| self.range.at(x))
             .collect()
     }
 }
@@ -61,16 +58,9 @@ impl RatePlayStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
         let (weights, by_rate) = values.split_at(PLAYS.min(values.len()));
         Self {
-            operators: PlayOperators::new(
-                &weights
-                    .iter()
-                    .enumerate()
-                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
-                    .collect::<Vec<_>>(),
-            ),
+            operators: PlayOperators::evenly(weights),
             by_rate: by_rate.to_vec(),
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
             last_v: model.drive_min_v,
             period_s: setting.dt_s * setting.substeps as f64,
         }
@@ -118,7 +108,11 @@ impl Effect for RateDependentPrandtlIshlinskii {
         vec![(0..PLAYS).map(weight).chain([0.0; PLAYS]).collect()]
     }
 
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(RatePlayStage::new(model, values, setting)))
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(RatePlayStage::new(
+            from.model,
+            from.values,
+            from.setting,
+        )))
     }
 }

@@ -14,12 +14,12 @@ use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "rate_dependent_surfaces";
+pub const ID: &str = id::RATE_DEPENDENT_SURFACES;
 
 /// Degree of the loop surface of each power, and coefficients of its curve.
 pub const DEGREE: usize = 3;
 /// Coefficients of a loop surface of that degree.
-pub const LOOP_TERMS: usize = super::hysteresis::coefficient_count(DEGREE);
+pub const LOOP_TERMS: usize = crate::hysteresis_surface::coefficient_count(DEGREE);
 /// Coefficients of the remnant of each power.
 pub const CURVE_TERMS: usize = 3;
 /// Coefficients of one power.
@@ -77,10 +77,10 @@ impl Effect for RateDependentSurfaces {
             id: ID.into(),
             physics: "Every coefficient of the loops and of the initial curve changes with the speed of the drive.".into(),
             reference: "thesis Ch. 4, Eqs. 14, 16-18".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
             fitting_rank: 5,
-            beside: Some(super::hysteresis::ID),
+            beside: Some(id::HYSTERESIS),
             needs_several_speeds: true,
             picture: Picture {
                 against: Against::Rate,

@@ -78,27 +78,17 @@ impl Effect for Saturation {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(SaturationStage {
-            upper_v: values[0],
-            lower_v: values[1],
+            upper_v: from.values[0],
+            lower_v: from.values[1],
         }))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(vec![
-            stage.overview.drive_max_v - 6.5 * strength,
-            -stage.overview.drive_max_v,
+            case.stage.overview.drive_max_v - 6.5 * case.strength,
+            -case.stage.overview.drive_max_v,
         ])
     }
 }

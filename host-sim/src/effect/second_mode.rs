@@ -4,7 +4,7 @@ use super::vibration;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "second_mode";
+pub const ID: &str = id::SECOND_MODE;
 
 /// A frequency above this share of the highest that the data can show has run into that limit.
 const AT_ITS_LIMIT: f64 = 0.98;
@@ -18,10 +18,10 @@ impl Effect for SecondMode {
             id: ID.into(),
             physics: "Part of the motion goes through another resonance of the structure, usually higher and lightly damped.".into(),
             reference: "Preumont, Vibration Control of Active Structures (2011), modal sum".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "a multisine with lines close together up to a third of the sampling rate".into(),
             fitting_rank: 6,
-            beside: Some(super::vibration::ID),
+            beside: Some(id::VIBRATION),
             picture: Picture {
                 against: Against::Frequency,
                 caption: "A dynamic effect: the residual stands where the signature has its power.",
@@ -55,21 +55,19 @@ itself where there is no `vibration`.",
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        _values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        match model.effect(super::vibration::ID) {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        match from.model.effect(id::VIBRATION) {
             Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
+            None => Some(Box::new(vibration::VibrationStage::of(
+                from.model,
+                from.setting,
+            ))),
         }
     }
 
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         let factor = super::mass_change::frequency_factor(model);
-        vibration::free_motions_of(values[1] * factor, values[2] * factor)
+        super::mode::free_motions_of(values[1] * factor, values[2] * factor)
     }
 
     fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
@@ -89,15 +87,10 @@ itself where there is no `vibration`.",
             .collect()
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(vec![
-            0.05 * strength,
-            stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()),
+            0.05 * case.strength,
+            case.about(case.stage.natural_frequency_rad_s * 2.2),
             0.02,
         ])
     }

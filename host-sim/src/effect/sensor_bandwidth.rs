@@ -10,7 +10,7 @@ use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "sensor_bandwidth";
+pub const ID: &str = id::SENSOR_BANDWIDTH;
 
 /// First-order lag behind everything mechanical.
 pub struct SensorBandwidth;
@@ -117,7 +117,7 @@ impl Effect for SensorBandwidth {
             id: ID.into(),
             physics: "The sensor's electronics filter what they read: fast motion appears smaller and later.".into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "multisines up to a third of the sampling rate".into(),
             one_sided: true,
             picture: Picture {
@@ -144,19 +144,18 @@ impl Effect for SensorBandwidth {
     }
 
     fn goes_by_ends(&self, model: &Model) -> bool {
-        model.effect(super::vibration::ID).is_some()
+        model.effect(id::VIBRATION).is_some()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        if model.effect(super::vibration::ID).is_some() {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        if from.model.effect(id::VIBRATION).is_some() {
             return None;
         }
-        let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
+        let interval = Interval::of(
+            from.values[0],
+            Arrival::of(from.model, from.setting),
+            from.setting.dt_s,
+        );
         Some(Box::new(SensorLag {
             interval,
             before: 0.0,
@@ -171,13 +170,8 @@ impl Effect for SensorBandwidth {
         }]
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![2500.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![2500.0 / case.strength.max(0.01)])
     }
 }
 

@@ -9,7 +9,7 @@
 //! Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
-use super::vibration::free_motions_of;
+use super::mode::free_motions_of;
 use crate::block::{Block, Linear};
 use crate::linear_system::ContinuousSystem;
 use crate::physics::*;
@@ -25,7 +25,7 @@ pub struct SensorFilter;
 /// Natural frequency, Hz, and damping ratio of the filter of a model whose modes take it in: all of them move
 /// freely.
 pub(super) fn taken_in_by_modes(model: &Model) -> Option<[f64; 2]> {
-    model.effect(super::vibration::ID)?;
+    model.effect(id::VIBRATION)?;
     let values = model.values(ID)?;
     super::friction::Bristle::of(model)
         .is_none()
@@ -172,7 +172,7 @@ impl Effect for SensorFilter {
             physics: "A second-order low-pass in the sensor's electronics: fast motion appears later and, beyond its frequency, smaller."
             .into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126; Butterworth, Wireless Engineer 7 (1930) 536-541".into(),
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "multisines up to a third of the sampling rate".into(),
             one_sided: true,
             follows_motion: true,
@@ -211,17 +211,12 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        if taken_in_by_modes(model).is_some() {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        if taken_in_by_modes(from.model).is_some() {
             return None;
         }
-        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting));
-        let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
+        let arrival = (!has_inertia(from.model)).then(|| Arrival::of(from.model, from.setting));
+        let interval = Interval::new(from.values[0], from.values[1], from.setting.dt_s, arrival);
         Some(Box::new(FilterStage {
             interval,
             state: [0.0; 2],
@@ -247,13 +242,11 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         free_motions_of(TAU * values[0], values[1])
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![
+            3000.0 / case.strength.max(0.01),
+            0.5 + 0.5 * (case.random)(),
+        ])
     }
 }
 

@@ -40,6 +40,7 @@ impl Effect for SensorNonlinearity {
             },
             planted: Planted::InPairs,
             equations: r"`y = x + quadratic_per_um x^2 + cubic_per_um2 x^3`. At rest the same.",
+            goes_by_ends: true,
             ..Declaration::at(Place::SensorNonlinearity)
         }
     }
@@ -69,28 +70,14 @@ impl Effect for SensorNonlinearity {
         vec![vec![0.003 / range, 0.0], vec![0.0, 0.003 / (range * range)]]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage {
-            quadratic: values[0],
-            cubic: values[1],
+            quadratic: from.values[0],
+            cubic: from.values[1],
         }))
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.0016 * strength, 0.000_24 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.0016 * case.strength, 0.000_24 * case.strength])
     }
 }

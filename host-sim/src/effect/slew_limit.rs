@@ -4,7 +4,7 @@ use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "slew_limit";
+pub const ID: &str = id::SLEW_LIMIT;
 
 /// Limit of the slope of the piezo voltage.
 pub struct SlewLimit;
@@ -90,16 +90,11 @@ model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where i
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let gives_mean = !setting.runs_straight && takes_the_mean_in(model);
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let gives_mean = !from.setting.runs_straight && takes_the_mean_in(from.model);
         Some(Box::new(SlewStage {
-            step_max_v: values[0] * setting.dt_s,
-            voltage_v: model.drive_min_v,
+            step_max_v: from.values[0] * from.setting.dt_s,
+            voltage_v: from.model.drive_min_v,
             gives_mean,
         }))
     }
@@ -108,13 +103,8 @@ model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where i
         substeps_inside_period(dt_s)
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![8500.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![8500.0 / case.strength.max(0.01)])
     }
 }
 

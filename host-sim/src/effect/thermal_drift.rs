@@ -56,6 +56,7 @@ impl Effect for ThermalDrift {
             },
             planted: Planted::InPairs,
             equations: r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`.",
+            goes_by_ends: true,
             ..Declaration::at(Place::Drift)
         }
     }
@@ -93,19 +94,10 @@ impl Effect for ThermalDrift {
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DriftStage {
-            rate_um_per_interval: values[0] * setting.dt_s,
-            slowing_per_interval: values[1] * setting.dt_s,
+            rate_um_per_interval: from.values[0] * from.setting.dt_s,
+            slowing_per_interval: from.values[1] * from.setting.dt_s,
         }))
     }
 
@@ -118,14 +110,9 @@ impl Effect for ThermalDrift {
         }]
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));
-        Some(vec![-0.03 * strength * slowing_per_s, slowing_per_s])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let slowing_per_s = 1.0 / case.about(20.0);
+        Some(vec![-0.03 * case.strength * slowing_per_s, slowing_per_s])
     }
 }
 

@@ -17,7 +17,7 @@ use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "two_sided";
+pub const ID: &str = id::TWO_SIDED;
 
 /// Terms of what stays, in each direction.
 const TERMS: usize = 2;
@@ -95,7 +95,7 @@ impl Effect for TwoSided {
             id: ID.into(),
             physics: "Never driven, the ceramic stands between its two polarities: the first way up and the first way down leave 0 V on curves of their own.".into(),
             reference: "thesis Ch. 8, future work 2; Mayergoyz, Mathematical Models of Hysteresis (1991), Ch. 1".into(),
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "triangles to both sides of 0 V of growing height, from the virgin state".into(),
             fitting_rank: 2,
             picture: Picture {
@@ -128,11 +128,11 @@ loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
     }
 
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        let alone = [super::bipolar::ID, super::initial_curve::ID]
+        let alone = [id::BIPOLAR, id::INITIAL_CURVE]
             .iter()
             .all(|id| model.effect(id).is_none());
         alone
-            && model.effect(super::hysteresis::ID).is_some()
+            && model.effect(id::HYSTERESIS).is_some()
             && overview.drive_min_v < 0.0
             && overview.drive_max_v > 0.0
     }

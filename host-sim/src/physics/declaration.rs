@@ -178,6 +178,9 @@ pub struct Declaration {
     /// It reads what moves inside a sampling period, and must see that motion: the modes in front of it then
     /// go in sub-intervals too.
     pub follows_motion: bool,
+    /// Behind what moves inside sampling periods it goes in whole periods, if all that stand behind it do: it
+    /// is known from where the motion stands at their ends.
+    pub goes_by_ends: bool,
     /// Which loops have to open for the effect to be real.
     pub opening: Opening,
     /// An actuator with it that was never driven rests at 0 V, not at the lower limit of the drive.
@@ -223,6 +226,7 @@ impl Declaration {
             needs_force: false,
             costly: false,
             follows_motion: false,
+            goes_by_ends: false,
             opening: Opening::NotNeeded,
             virgin_at_zero: false,
             tried_for_loops: true,

@@ -2,7 +2,7 @@
 
 use super::declaration::{Declaration, Parameter, Place, Scale};
 use super::recording::{LinesAtRest, Overview, Resonance, SimulatedStage};
-use super::stage::{FreeMotion, Loops, RestoringForce, Setting, Stage};
+use super::stage::{DriveRange, FreeMotion, Loops, RestoringForce, Setting, Stage};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -18,31 +18,19 @@ pub trait Effect: Send + Sync {
     /// may be found.
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
 
-    /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
-    ///
-    /// `values` are this effect's values in `model`. A structure of loops gives those.
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let loops = self.loops(model, values, setting)?;
+    /// Builds the stage, or `None` where another effect's stage takes it in. A structure of loops gives those.
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let loops = self.loops(from)?;
         Some(loops)
     }
 
     /// The loops of a structure that has an inverse.
-    fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+    fn loops(&self, _from: &Build) -> Option<Box<dyn Loops>> {
         None
     }
 
     /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
-    fn restoring_force(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting,
-    ) -> Option<Box<dyn RestoringForce>> {
+    fn restoring_force(&self, _from: &Build) -> Option<Box<dyn RestoringForce>> {
         None
     }
 
@@ -59,7 +47,7 @@ pub trait Effect: Send + Sync {
     /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling
     /// periods: behind what moves inside them it then goes in whole periods, if all that stand behind it do.
     fn goes_by_ends(&self, _model: &Model) -> bool {
-        false
+        self.declaration().goes_by_ends
     }
 
     /// Free motions of the states of this effect in `model`, whose initial values are unknown in a record
@@ -102,13 +90,35 @@ pub trait Effect: Send + Sync {
 
     /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set;
     /// `None` where it has no strength.
-    fn values_at(
-        &self,
-        _strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, _case: &mut PlantedCase) -> Option<Vec<f64>> {
         None
+    }
+}
+
+/// What an effect in a model builds its stage from.
+pub struct Build<'m, 'a> {
+    /// The model.
+    pub model: &'m Model,
+    /// The values of the effect in it.
+    pub values: &'m [f64],
+    /// The record on which the stage runs.
+    pub setting: &'m Setting<'a>,
+}
+
+/// A simulated data set in which an effect is hidden.
+pub struct PlantedCase<'a> {
+    /// How large the effect is.
+    pub strength: f64,
+    /// What it is hidden in.
+    pub stage: &'a SimulatedStage,
+    /// Random numbers from 0 to 1.
+    pub random: &'a mut dyn FnMut() -> f64,
+}
+
+impl PlantedCase<'_> {
+    /// A value within a fifth of this one.
+    pub fn about(&mut self, value: f64) -> f64 {
+        value * (0.8 + 0.4 * (self.random)())
     }
 }
 
@@ -216,12 +226,38 @@ impl EffectInstance {
         self.parameters.iter().map(|p| p.value).collect()
     }
 
-    pub(crate) fn stage<'a>(
+    /// Its stage in `model`; `None` where another effect's stage takes it in.
+    #[must_use]
+    pub fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        self.effect.stage(&Build {
+            model,
+            values: &self.values(),
+            setting,
+        })
+    }
+
+    /// Its loops in `model`, if it is a structure that has an inverse.
+    #[must_use]
+    pub fn loops(&self, model: &Model, setting: &Setting) -> Option<Box<dyn Loops>> {
+        self.effect.loops(&Build {
+            model,
+            values: &self.values(),
+            setting,
+        })
+    }
+
+    /// What it adds to the force balance of the moving mass in `model`.
+    #[must_use]
+    pub fn restoring_force(
         &self,
         model: &Model,
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        self.effect.stage(model, &self.values(), setting)
+        setting: &Setting,
+    ) -> Option<Box<dyn RestoringForce>> {
+        self.effect.restoring_force(&Build {
+            model,
+            values: &self.values(),
+            setting,
+        })
     }
 }
 
@@ -268,6 +304,12 @@ impl Model {
             effects: Vec::new(),
             identified: None,
         }
+    }
+
+    /// The drive in units of its range.
+    #[must_use]
+    pub fn drive_range(&self) -> DriveRange {
+        DriveRange::between(self.drive_min_v, self.drive_max_v)
     }
 
     /// The effect with this identifier.

@@ -13,7 +13,9 @@ use crate::model_file::effect_named;
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis};
-use hysteron_sim::effect::{Declaration, Effect, Overview, Place, SimulatedStage, by_id, gain};
+use hysteron_sim::effect::{
+    Declaration, Effect, Overview, Place, PlantedCase, SimulatedStage, by_id, gain,
+};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -288,7 +290,11 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
             continue;
         }
         let values = effect
-            .values_at(*strength, &stage, &mut || random.random::<f64>())
+            .values_at(&mut PlantedCase {
+                strength: *strength,
+                stage: &stage,
+                random: &mut || random.random::<f64>(),
+            })
             .unwrap_or_default();
         plant
             .model
