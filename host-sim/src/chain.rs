@@ -178,7 +178,7 @@ impl Model {
         )
     }
 
-    /// The same with every stage stepped in so many intervals per period: a plant that does not share the
+    /// [`Self::simulate`] with every stage stepped in so many intervals per period: a plant that does not share the
     /// discretisation of a model.
     #[must_use]
     pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {

@@ -170,7 +170,7 @@ pub fn horner(coefficients: &[f64], x: f64) -> f64 {
 /// Inputs at which a polynomial is taken side by side.
 const SIDE_BY_SIDE: usize = 8;
 
-/// The same at many inputs, in their place.
+/// [`horner`] at many inputs, in their place.
 fn horner_at_each(coefficients: &[f64], inputs: &mut [f64]) {
     let mut some = inputs.chunks_exact_mut(SIDE_BY_SIDE);
     for x in &mut some {

@@ -45,7 +45,7 @@ pub struct Chunk<'a> {
     pub from: usize,
     /// What the sensor would read, um.
     pub reading_um: &'a [f64],
-    /// The same with each variation.
+    /// What the sensor reads with each variation.
     pub variations_um: &'a [Vec<f64>],
     /// What one unit of each coefficient adds to the reading, a row for every sample; empty where none was
     /// asked for.
@@ -129,7 +129,7 @@ struct Beside<'a> {
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     let drive = Drive::held(&[], 1.0, InitialState::Unknown);
     let setting = model.setting(&drive, 1);
-    CoefficientWalker::of(model, &setting).map_or_else(Vec::new, |w| {
+    CoefficientWalker::from_model(model, &setting).map_or_else(Vec::new, |w| {
         w.coefficients()
             .into_iter()
             .map(|(id, parameter)| (id.to_owned(), parameter))
@@ -362,7 +362,7 @@ fn lanes_of<'a>(
         &without_signals,
         if stages[stage].fine { substeps } else { 1 },
     );
-    let mut walker = CoefficientWalker::of(model, &setting)?;
+    let mut walker = CoefficientWalker::from_model(model, &setting)?;
     let lanes = walker.coefficients().len();
     let mut row = vec![0.0; lanes];
     walker.settle(at_rest[stage], &mut row);

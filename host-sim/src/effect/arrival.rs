@@ -34,7 +34,7 @@ pub(super) struct Over {
 
 impl Arrival {
     /// The way of what stands behind the hysteresis of a model, over the intervals of a record.
-    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+    pub(super) fn from_model(model: &Model, setting: &Setting) -> Self {
         if setting.runs_straight {
             return Self::Straight;
         }

@@ -104,7 +104,7 @@ impl Stage for PairStage {
     }
 }
 
-/// The same with states for each perturbation of a batch.
+/// The pair with states for each perturbation of a batch.
 struct PairLanes {
     carried: Carried,
     states: Vec<[f64; 2]>,

@@ -21,7 +21,10 @@ pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn Restori
         .iter()
         .filter_map(|e| e.restoring_force(model, setting))
         .collect();
-    if let (false, Some(bristle)) = (forces.is_empty(), super::friction::Bristle::of(model)) {
+    if let (false, Some(bristle)) = (
+        forces.is_empty(),
+        super::friction::Bristle::from_model(model),
+    ) {
         forces.push(Box::new(bristle));
     }
     forces
@@ -75,7 +78,7 @@ impl Balance {
             .sum()
     }
 
-    /// The same, half way: what is remembered there is kept.
+    /// The sum of the forces half way: what is remembered there is kept.
     fn tried_midway(&mut self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
         let mut sum = 0.0;
@@ -221,7 +224,7 @@ struct Transition<const N: usize> {
 }
 
 impl<const N: usize> Transition<N> {
-    fn of(system: &ContinuousSystem, dt_s: f64, arrival: Arrival) -> Self {
+    fn over_interval(system: &ContinuousSystem, dt_s: f64, arrival: Arrival) -> Self {
         let Over { phi, start, end } = arrival.over(system, dt_s);
         let (_, powers) = system.quadratic_matrices(dt_s);
         Self {
@@ -302,7 +305,7 @@ impl<const N: usize> Balanced<N> {
         };
         let too_fast = law.natural_frequency_rad_s * dt_s > RINGING_MAX_RAD;
         Self {
-            behind: too_fast.then(|| Transition::of(&system, dt_s, arrival)),
+            behind: too_fast.then(|| Transition::over_interval(&system, dt_s, arrival)),
             system,
             read,
             natural_frequency_rad_s: law.natural_frequency_rad_s,
@@ -365,7 +368,7 @@ impl<const N: usize> Balanced<N> {
         let (count, piece) = &*segment.levels[halvings].get_or_insert_with(|| {
             let count = fewest * f64::from(1_u32 << halvings);
             let piece_s = segment.length_s / count;
-            let over = |dt_s: f64| Transition::of(system, dt_s, segment.arrival);
+            let over = |dt_s: f64| Transition::over_interval(system, dt_s, segment.arrival);
             (
                 count as usize,
                 Box::new(Piece {
@@ -564,7 +567,7 @@ mod tests {
     const DAMPER: [f64; 3] = [0.5, 2.0, 5.0];
     const BOUC_WEN: [f64; 4] = [0.4, 0.5, -0.2, 1.0];
 
-    /// The same equations by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
+    /// The force balance by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
     /// sampling.
     fn integrated(
         drive_v: &[f64],

@@ -33,7 +33,7 @@ pub(super) struct Bristle {
 
 impl Bristle {
     /// The bristle of `model`, if it has one.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
         let breakaway_ratio = (value(2) > 0.0).then_some(value(2));
@@ -51,7 +51,7 @@ impl Bristle {
         let dahl = contact
             .breakaway_ratio
             .is_none()
-            .then(|| Dahl::of(sliding_bend));
+            .then(|| Dahl::with_sliding_bend(sliding_bend));
         Self {
             contact,
             dahl,
@@ -271,7 +271,7 @@ that is divided where the mass sticks and slides. No export does this.",
         if from.model.effect(id::VIBRATION).is_some() {
             return None;
         }
-        Bristle::of(from.model)
+        Bristle::from_model(from.model)
             .map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
     }
 

@@ -60,12 +60,12 @@ struct HeldDrive {
 }
 
 impl HeldDrive {
-    fn of(model: &Model, setting: &Setting) -> Self {
+    fn from_model(model: &Model, setting: &Setting) -> Self {
         let lower_limit_v = bipolar::lower_limit_v(model);
         Self {
             lower_limit_v,
             range_v: model.drive_max_v - lower_limit_v,
-            rate: rate_dependence::RateLaw::of(model),
+            rate: rate_dependence::RateLaw::from_model(model),
             by_rate: model.effect(id::RATE_DEPENDENT_SURFACES).is_some(),
             last_drive_v: lower_limit_v,
             dt_s: setting.dt_s,
@@ -205,12 +205,12 @@ impl HysteresisStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
         let remnant = model.values(id::INITIAL_CURVE).unwrap_or_default();
         let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
-        let drive = HeldDrive::of(model, setting);
+        let drive = HeldDrive::from_model(model, setting);
         let mut stage = Self {
-            two_sided: TwoSidedMemory::of(model, &surfaces),
+            two_sided: TwoSidedMemory::from_model(model, &surfaces),
             operator: OneSidedHysteresis::virgin(surfaces, drive.lower_limit_v, drive.range_v),
-            plays: PlayOperators::of(model),
-            rate_orders: RateOrders::of(model),
+            plays: PlayOperators::from_model(model),
+            rate_orders: RateOrders::from_model(model),
             drive,
             zero_um: 0.0,
             output_um: 0.0,
@@ -260,7 +260,7 @@ impl Contributions {
         }
     }
 
-    /// The same of the initial ascending curve where it was left, or is.
+    /// Contributions to the initial ascending curve where it was left, or is.
     fn curve_at_maximum(&self) -> Vec<f64> {
         let mut out = self.walk.initial_curve_at_maximum();
         if let Some(plays) = &self.plays {
@@ -365,7 +365,7 @@ pub(crate) struct CoefficientWalker {
 impl CoefficientWalker {
     /// Of the hysteresis in `model`; `None` without one, or where the surfaces act through the virgin part of
     /// two-sided hysteresis as well.
-    pub(crate) fn of(model: &Model, setting: &Setting) -> Option<Self> {
+    pub(crate) fn from_model(model: &Model, setting: &Setting) -> Option<Self> {
         if model.effect(id::TWO_SIDED).is_some() {
             return None;
         }
@@ -382,9 +382,9 @@ impl CoefficientWalker {
             ],
             contributions: Contributions {
                 walk: CoefficientWalk::virgin(degree_of(loops), curve),
-                plays: PlayOperators::of(model),
+                plays: PlayOperators::from_model(model),
             },
-            drive: HeldDrive::of(model, setting),
+            drive: HeldDrive::from_model(model, setting),
             present: Vec::new(),
         })
     }

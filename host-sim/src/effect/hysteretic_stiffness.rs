@@ -181,7 +181,7 @@ impl Effect for HystereticStiffness {
 mod tests {
     use super::*;
 
-    /// The same equation by small steps of the way.
+    /// The equation of the spring by small steps of the way.
     fn by_euler(spring: &BoucWenSpring, mut h: f64, way_um: f64) -> f64 {
         let steps = 200_000;
         let step = way_um / f64::from(steps);

@@ -110,7 +110,7 @@ mod tests {
             let mut model = Model::new(0.0, 80.0);
             let values = InversePreisach.starts(&overview).remove(0);
             model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
-            let mut inverse = LoopInverse::of(&model, 1e-3).unwrap();
+            let mut inverse = LoopInverse::from_model(&model, 1e-3).unwrap();
             let mut operator = OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, &values[1..11], &values[11..]), 0.0, values[0]);
             for y in desired {
                 let (answer, drive_v) = (inverse.step(y), operator.step(y));

@@ -92,7 +92,7 @@ impl Motion {
         }
     }
 
-    /// The same behind another input.
+    /// This motion behind another input.
     #[inline]
     pub(super) fn with_input_before(self, before: f64) -> Self {
         Self { before, ..self }
@@ -316,7 +316,7 @@ impl Propagator {
         }
     }
 
-    /// The same for those who know whether the input before counts and whether a sensor lags behind:
+    /// [`Self::after`] for those who know whether the input before counts and whether a sensor lags behind:
     /// recursions that run over millions of intervals.
     #[inline]
     pub(super) fn after_as<const STARTS: bool, const LAGS: bool>(
@@ -382,7 +382,7 @@ impl VibrationMode {
     /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. 12.
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
-        Self::of(
+        Self::from_propagator(
             ModeLaw {
                 natural_frequency_rad_s,
                 damping_ratio,
@@ -393,7 +393,7 @@ impl VibrationMode {
         )
     }
 
-    fn of(propagator: Propagator) -> Self {
+    fn from_propagator(propagator: Propagator) -> Self {
         Self {
             propagator,
             motion: Motion::default(),
@@ -407,7 +407,7 @@ impl VibrationMode {
             filter: law
                 .filter_over(dt_s, arrival)
                 .map(|filter| (filter, [0.0; 2])),
-            ..Self::of(law.over(dt_s, arrival))
+            ..Self::from_propagator(law.over(dt_s, arrival))
         }
     }
 

@@ -65,7 +65,7 @@ impl PlayOperators {
     }
 
     /// The operators that `model` has beside its surfaces.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         Some(Self::new(
             &values
@@ -152,7 +152,7 @@ impl PlayOperators {
             .sum()
     }
 
-    /// The same for a unit weight of each element.
+    /// [`Self::initial_ascending_curve`] for a unit weight of each element.
     pub(super) fn initial_ascending_curves(&self, x: f64) -> impl Iterator<Item = f64> {
         self.each(move |threshold, _, _| rise(x, threshold))
     }

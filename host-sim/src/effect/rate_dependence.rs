@@ -28,7 +28,7 @@ pub struct RateLaw {
 impl RateLaw {
     /// The law in `model`, if it has one.
     #[must_use]
-    pub fn of(model: &Model) -> Option<Self> {
+    pub fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         Some(Self {
             loop_linear: values[0],

@@ -46,7 +46,7 @@ pub(super) struct RateOrders {
 
 impl RateOrders {
     /// Of a model that has them.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         let (reference_rate_v_s, coefficients) = values.split_first()?;
         let operator = |terms: &[f64]| {

@@ -58,7 +58,7 @@ itself where there is no `vibration`.",
     fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         match from.model.effect(id::VIBRATION) {
             Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(
+            None => Some(Box::new(vibration::VibrationStage::from_model(
                 from.model,
                 from.setting,
             ))),

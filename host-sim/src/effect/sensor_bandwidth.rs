@@ -24,7 +24,7 @@ struct Interval {
 }
 
 impl Interval {
-    fn of(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
+    fn from_bandwidth(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
         let rate = std::f64::consts::TAU * bandwidth_hz;
         let one = |value: f64| DVector::from_element(1, value);
         let lag = ContinuousSystem {
@@ -151,9 +151,9 @@ impl Effect for SensorBandwidth {
         if from.model.effect(id::VIBRATION).is_some() {
             return None;
         }
-        let interval = Interval::of(
+        let interval = Interval::from_bandwidth(
             from.values[0],
-            Arrival::of(from.model, from.setting),
+            Arrival::from_model(from.model, from.setting),
             from.setting.dt_s,
         );
         Some(Box::new(SensorLag {

@@ -27,7 +27,7 @@ pub struct SensorFilter;
 pub(super) fn taken_in_by_modes(model: &Model) -> Option<[f64; 2]> {
     model.effect(id::VIBRATION)?;
     let values = model.values(ID)?;
-    super::friction::Bristle::of(model)
+    super::friction::Bristle::from_model(model)
         .is_none()
         .then(|| [values[0], values[1]])
 }
@@ -215,7 +215,8 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         if taken_in_by_modes(from.model).is_some() {
             return None;
         }
-        let arrival = (!has_inertia(from.model)).then(|| Arrival::of(from.model, from.setting));
+        let arrival =
+            (!has_inertia(from.model)).then(|| Arrival::from_model(from.model, from.setting));
         let interval = Interval::new(from.values[0], from.values[1], from.setting.dt_s, arrival);
         Some(Box::new(FilterStage {
             interval,

@@ -41,7 +41,7 @@ pub(super) struct TwoSidedMemory {
 
 impl TwoSidedMemory {
     /// Of `model`, whose loop surface this is, in units of the drive range above its lower limit.
-    pub(super) fn of(model: &Model, surfaces: &Surfaces) -> Option<Self> {
+    pub(super) fn from_model(model: &Model, surfaces: &Surfaces) -> Option<Self> {
         let values = model.values(ID)?;
         let zero = (0.0 - model.drive_min_v) / (model.drive_max_v - model.drive_min_v);
         let stays = |from: usize| {

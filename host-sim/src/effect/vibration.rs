@@ -39,7 +39,7 @@ pub(super) struct VibrationStage {
 
 impl VibrationStage {
     /// The modes that `model` has.
-    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+    pub(super) fn from_model(model: &Model, setting: &Setting) -> Self {
         let dt_s = setting.dt_s;
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small
@@ -49,7 +49,7 @@ impl VibrationStage {
             .and_then(|_| model.values(id::SENSOR_BANDWIDTH))
             .map(|v| v[0]);
         let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
-        let arrival = Arrival::of(model, setting);
+        let arrival = Arrival::from_model(model, setting);
         let taken_in_s = super::delay::taken_in_s(model).filter(|_| !setting.runs_straight);
         let late_intervals = taken_in_s.map_or(0.0, |delay_s| delay_s / dt_s);
         let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
@@ -61,7 +61,7 @@ impl VibrationStage {
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
         let forces = forces_of(model, setting);
         let balanced = !forces.is_empty();
-        let first = first_law.map(|first| match Bristle::of(model) {
+        let first = first_law.map(|first| match Bristle::from_model(model) {
             _ if balanced => First::Balanced(BalancedMass::new(
                 &first,
                 forces,
@@ -325,7 +325,10 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
     }
 
     fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(VibrationStage::of(from.model, from.setting)))
+        Some(Box::new(VibrationStage::from_model(
+            from.model,
+            from.setting,
+        )))
     }
 
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {

@@ -115,21 +115,21 @@ impl Parameter {
         }
     }
 
-    /// The same parameter, expected within so much of zero where data do not say it.
+    /// This parameter, expected within so much of zero where data do not say it.
     #[must_use]
     pub fn expected_within(mut self, std: f64) -> Self {
         self.expected = Some(std);
         self
     }
 
-    /// The same parameter, kept at its value.
+    /// This parameter, kept at its value.
     #[must_use]
     pub fn fixed(mut self) -> Self {
         self.fixed = true;
         self
     }
 
-    /// The same parameter, kept at its value on a grid that was chosen before any data.
+    /// This parameter, kept at its value on a grid that was chosen before any data.
     #[must_use]
     pub fn on_a_grid(mut self) -> Self {
         (self.fixed, self.of_a_grid) = (true, true);

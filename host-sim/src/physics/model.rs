@@ -34,7 +34,7 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// The same effect with another number of parameters, for one whose number of terms is free.
+    /// This effect with another number of parameters, for one whose number of terms is free.
     fn with_parameters(&self, _count: usize) -> Option<Arc<dyn Effect>> {
         None
     }

@@ -98,7 +98,7 @@ pub struct AuxiliarySignal {
 }
 
 impl AuxiliarySignal {
-    /// The same signal with other values in the place of these.
+    /// This signal with other values in the place of these.
     #[must_use]
     pub fn with(&self, values: impl FnOnce(&[f64]) -> Vec<f64>) -> Self {
         Self {

@@ -106,7 +106,7 @@ pub trait Loops: Stage + BoxedCopy {
 
 /// A copy behind a pointer, for loops with their memory.
 pub trait BoxedCopy {
-    /// The same loops with the same memory.
+    /// These loops with their memory.
     fn boxed(&self) -> Box<dyn Loops>;
 }
 
@@ -179,7 +179,7 @@ pub trait RestoringForce: Send {
     /// there; a way is short, and goes one way.
     fn held(&self, memory: f64, way: Travel) -> (f64, f64);
 
-    /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is
+    /// Force and memory of a mass that has come to rest there, nobody knows how: by one way from where nothing is
     /// held.
     fn at_rest(&self, at_um: f64) -> (f64, f64) {
         self.held(

@@ -134,7 +134,7 @@ fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<
         .map(|(k, u)| stage.step(k, *u))
         .collect();
     let sample_ns = begin.elapsed().as_nanos() as f64 / drive_v.len() as f64;
-    let inverse = LoopInverse::of(model, dt_s).map(|mut inverse| {
+    let inverse = LoopInverse::from_model(model, dt_s).map(|mut inverse| {
         let begin = Instant::now();
         let miss = given
             .iter()
