@@ -35,7 +35,10 @@ fn drawn(nth: u64, sensor_hz: Option<f64>) -> Model {
     if nth % 4 == 2 {
         add("amplifier_bandwidth", &[near(3000.0, 0.3)]);
     }
-    add("hysteresis", &[near(8.0, 0.2), near(1.0, 0.3), -near(1.5, 0.3)]);
+    add(
+        "hysteresis",
+        &[near(8.0, 0.2), near(1.0, 0.3), -near(1.5, 0.3)],
+    );
     add("vibration", &[near(5500.0, 0.3), near(0.2, 0.8).min(0.9)]);
     if nth % 2 == 1 {
         add("creep", &[0.01, near(1.0, 0.5)]);
@@ -48,7 +51,9 @@ fn drawn(nth: u64, sensor_hz: Option<f64>) -> Model {
 
 fn main() {
     let models = std::env::args().nth(1).and_then(|n| n.parse().ok());
-    println!("| model | sensor, Hz | the scan reckons, nm | promised, nm | found, nm | found over promised |");
+    println!(
+        "| model | sensor, Hz | the scan reckons, nm | promised, nm | found, nm | found over promised |"
+    );
     println!("|---|---|---|---|---|---|");
     let (mut inside, mut all) = (0, 0);
     for nth in 0..models.unwrap_or(10u64) {
@@ -75,7 +80,9 @@ fn main() {
             inside += usize::from((1.0 / WITHIN..=WITHIN).contains(&ratio));
             println!(
                 "| {nth} | {sensor} | {:.2} | {:.2} | {:.2} | {ratio:.3} |",
-                1e3 * design.chosen.map_or(f64::NAN, |chosen| chosen.expected_um()),
+                1e3 * design
+                    .chosen
+                    .map_or(f64::NAN, |chosen| chosen.expected_um()),
                 1e3 * row.true_rms_um,
                 1e3 * found_um
             );

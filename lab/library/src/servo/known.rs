@@ -102,7 +102,11 @@ fn without_resonance((share, mode): (f64, ModeModel), period_s: f64) -> (f64, Mo
 /// # Errors
 /// The effect that does.
 pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
-    match chain.effects.iter().find(|e| e.effect.follows_record()) {
+    match chain
+        .effects
+        .iter()
+        .find(|e| e.effect.declaration().follows_record)
+    {
         Some(own) => Err(format!(
             "{} takes part of what was recorded (the drive, or an auxiliary signal), which no loop knows beforehand; fit a model without it",
             own.id

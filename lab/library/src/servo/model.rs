@@ -470,7 +470,7 @@ fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>>
     };
     (0..=LOOP_GRID)
         .map(|turn| {
-            let mut loops = main.effect.loops(chain, &main.values(), &setting)?;
+            let mut loops = main.loops(chain, &setting)?;
             let zero_um = loops.step(0, drive_v(0));
             (1..=turn).for_each(|k| {
                 loops.step(0, drive_v(k));
@@ -480,7 +480,7 @@ fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>>
                 .map(|k| loops.step(0, drive_v(k)) - zero_um)
                 .collect();
             fall.reverse();
-            let mut risen = main.effect.loops(chain, &main.values(), &setting)?;
+            let mut risen = main.loops(chain, &setting)?;
             let top = (0..=turn)
                 .map(|k| risen.step(0, drive_v(k)))
                 .last()

@@ -192,12 +192,7 @@ impl ActuatorModel {
         }
         let mut fitted = (self.clone(), f64::INFINITY);
         for weight in [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
-            fitted = self.with_surfaces_of(
-                SURFACE_SIZE - 1,
-                weight,
-                |_, _| 0.0,
-                |_| 0.0,
-            );
+            fitted = self.with_surfaces_of(SURFACE_SIZE - 1, weight, |_, _| 0.0, |_| 0.0);
             if hysteresis(&fitted.0).is_ok() {
                 break;
             }
