@@ -8,8 +8,9 @@ use std::path::Path;
 
 use crate::board;
 use crate::emulated_board::{EmulatedBoard, words_of_board};
+use crate::test_programs;
 use crate::toolchain;
-use crate::workspace::{build_as_tested, built, command, emptied, root};
+use crate::workspace::{AS_TESTED, built, command, emptied, root};
 
 /// The true error that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
@@ -28,7 +29,7 @@ const CHECKED_SEED: u64 = 5;
 
 /// In front of the stage of `board/emulator/tests/stage.toml`, whose equations are those of the simulation.
 pub fn run() -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     let folder = emptied("board_tune")?;
     let truth = folder.join("truth.csv");
     let stage = root().join("board/emulator/tests/stage.toml");
@@ -48,14 +49,14 @@ pub fn run() -> Result<(), String> {
 
 /// In front of one independent stage.
 pub fn run_independent() -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     independent(CHECKED_SEED)
 }
 
 /// In front of the independent stages of these seeds, every one of which is tuned before the error names
 /// those that failed.
 pub fn run_seeds(seeds: &[u64]) -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     let failed: Vec<String> = seeds
         .iter()
         .filter_map(|seed| {

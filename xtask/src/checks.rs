@@ -1,7 +1,7 @@
 //! What cargo does for the check: formats, lints, documents and tests the workspace.
 
 use crate::test_programs::{self, TestProgram};
-use crate::workspace::{AS_TESTED, built, cargo, command, root};
+use crate::workspace::{AS_TESTED, PRODUCT, built, cargo, command, root};
 use crate::{browser, skipped_tests, toolchain, virtual_environment};
 
 pub fn format() -> Result<(), String> {
@@ -11,12 +11,22 @@ pub fn format() -> Result<(), String> {
     Ok(())
 }
 
+/// Clippy on everything.
 pub fn lints() -> Result<(), String> {
-    // The profile of the tests, so that dependencies are built once.
+    lint(AS_TESTED)
+}
+
+/// Clippy on the product.
+pub fn lints_of_product() -> Result<(), String> {
+    lint(PRODUCT)
+}
+
+/// In the profile of the tests, so that macros and build scripts are built once.
+fn lint(selection: &[&str]) -> Result<(), String> {
     cargo(
         &[
             &["clippy", "--quiet"],
-            &AS_TESTED[..],
+            selection,
             &["--all-targets", "--", "-D", "warnings"],
         ]
         .concat(),
@@ -25,14 +35,10 @@ pub fn lints() -> Result<(), String> {
     )
 }
 
+/// What users read: private items are read in their sources.
 pub fn documentation() -> Result<(), String> {
     cargo(
-        &[
-            &["doc", "--quiet"],
-            &AS_TESTED[..],
-            &["--no-deps", "--document-private-items"],
-        ]
-        .concat(),
+        &[&["doc", "--quiet"], AS_TESTED, &["--no-deps"]].concat(),
         &root(),
         &[(
             "RUSTDOCFLAGS",
@@ -44,7 +50,7 @@ pub fn documentation() -> Result<(), String> {
 /// Everything but the emulated part, whose tests need the image.
 pub fn host_tests() -> Result<(), String> {
     browser::ensure()?;
-    let programs = test_programs::build()?;
+    let programs = test_programs::build(AS_TESTED)?;
     let chosen: Vec<&TestProgram> = programs
         .iter()
         .filter(|program| !program.is_of(EMULATOR))
@@ -61,7 +67,7 @@ pub fn host_tests() -> Result<(), String> {
 
 pub fn documentation_tests() -> Result<(), String> {
     cargo(
-        &[&["test", "--quiet", "--doc"], &AS_TESTED[..]].concat(),
+        &[&["test", "--quiet", "--doc"], AS_TESTED].concat(),
         &root(),
         &[],
     )
@@ -88,7 +94,7 @@ pub fn write_tables() -> Result<(), String> {
         let filter = format!("{test}::{name}");
         let arguments = [
             &["test", "--quiet"],
-            &AS_TESTED[..],
+            AS_TESTED,
             &["--test", "integration", &filter],
         ]
         .concat();
@@ -115,7 +121,7 @@ pub fn emulator_tests() -> Result<(), String> {
             image.display()
         ));
     }
-    let programs = test_programs::build()?;
+    let programs = test_programs::build(AS_TESTED)?;
     let chosen: Vec<&TestProgram> = programs
         .iter()
         .filter(|program| program.is_of(EMULATOR))
@@ -123,9 +129,9 @@ pub fn emulator_tests() -> Result<(), String> {
     test_programs::run(&chosen, &[], &[])
 }
 
-/// Unit tests alone.
+/// Unit tests of the product alone.
 pub fn unit_tests() -> Result<(), String> {
-    let programs = test_programs::build()?;
+    let programs = test_programs::build(PRODUCT)?;
     let chosen: Vec<&TestProgram> = programs
         .iter()
         .filter(|program| program.has_unit_tests() && !program.is_of(EMULATOR))
@@ -148,23 +154,13 @@ pub fn one_explain() -> Result<(), String> {
     )
 }
 
-/// Tests marked as long; those that need what another step leaves are run by that step.
+/// Tests of modules named `long`, which the check ignores.
 pub fn long_tests() -> Result<(), String> {
-    let programs = test_programs::build()?;
-    let chosen: Vec<&TestProgram> = programs
-        .iter()
-        .filter(|program| program.is_of("tests") && program.kind == "test")
-        .collect();
-    let arguments = [
-        "--ignored",
-        "--skip",
-        "lab_page::",
-        "--skip",
-        "trace_on_page::",
-    ];
+    let programs = test_programs::build(AS_TESTED)?;
+    let chosen: Vec<&TestProgram> = programs.iter().collect();
     test_programs::run(
         &chosen,
-        &arguments,
+        &["--ignored", "::long::"],
         &variables(&skipped_tests::file().to_string_lossy()),
     )
 }

@@ -110,7 +110,7 @@ pub fn test() -> Result<(), String> {
         "1",
     ];
     cargo(
-        &[&["test"], &AS_TESTED[..], &only].concat(),
+        &[&["test"], AS_TESTED, &only].concat(),
         &root(),
         &[("HYSTERON_SKIPPED", &skipped_tests::file().to_string_lossy())],
     )

@@ -19,6 +19,7 @@ mod house;
 mod images;
 mod lab_page;
 mod library_alone;
+mod measure;
 mod mutate;
 mod packages;
 mod pipython;
@@ -56,6 +57,15 @@ enum Chore {
     Full,
     /// Where the processor time of the last chore went, by step and by program of tests
     Times,
+    /// How large the sources are and how they hang together, crate by crate, and the table of `times`
+    Measure {
+        /// Of this revision instead of the checkout
+        #[arg(long)]
+        at: Option<String>,
+        /// Lists long functions, long files and circles
+        #[arg(long)]
+        places: bool,
+    },
     /// The steps that need only the host's toolchain
     Host,
     /// The steps of other targets, which `check` runs beside those of the host: `library`, `firmware`, `emulate`
@@ -117,6 +127,7 @@ fn main() -> ExitCode {
         Chore::Check => steps::check(),
         Chore::Full => steps::full(),
         Chore::Times => cost::print(),
+        Chore::Measure { at, places } => measure::print(at.as_deref(), places),
         Chore::Host => steps::run(steps::HOST),
         Chore::Targets => steps::run_other_targets(),
         Chore::Library => steps::run(steps::LIBRARY),

@@ -20,7 +20,7 @@ use serde::Deserialize;
 
 use crate::test_programs::{self, TestProgram};
 use crate::toolchain::{self, FIRMWARE, Toolchain};
-use crate::workspace::root;
+use crate::workspace::{AS_TESTED, root};
 
 /// Where the emulated tests look for images, when it is not where `cargo xtask firmware` puts them.
 const IMAGES: &str = "HYSTERON_IMAGES";
@@ -214,7 +214,7 @@ pub fn run(names: &[String]) -> Result<(), String> {
 fn test_program() -> Result<PathBuf, String> {
     let emulated =
         |program: &TestProgram| program.is_of("board/emulator") && program.kind == "test";
-    let programs = test_programs::build()?;
+    let programs = test_programs::build(AS_TESTED)?;
     programs
         .into_iter()
         .find(emulated)

@@ -24,7 +24,7 @@ pub struct CheckStep(&'static str, fn() -> Result<(), String>);
 /// What an edit is tried with: minutes where everything is built.
 pub const QUICK: &[CheckStep] = &[
     CheckStep("format", checks::format),
-    CheckStep("lints", checks::lints),
+    CheckStep("lints", checks::lints_of_product),
     CheckStep("unit tests", checks::unit_tests),
     CheckStep("one explain", checks::one_explain),
     CheckStep("prose", || prose::report(false, &[])),
@@ -100,11 +100,7 @@ const EMULATED: &[CheckStep] = &[
 pub const OPERATOR: &[CheckStep] = &[
     CheckStep("PIPython in front of the emulated board", pipython::run),
     CheckStep(
-        "from an empty board to a servo: `board tune`",
-        board_tune::run,
-    ),
-    CheckStep(
-        "the same with a stage of other equations",
+        "from an empty board to a servo: `board tune`, a stage of other equations",
         board_tune::run_independent,
     ),
 ];
@@ -117,6 +113,10 @@ const LONG: &[CheckStep] = &[
     CheckStep(
         "tests that take long (72 independent stages)",
         checks::long_tests,
+    ),
+    CheckStep(
+        "`board tune`, a stage of the simulation's equations",
+        board_tune::run,
     ),
     CheckStep("lab page as it is published", lab_page::build),
     CheckStep("packages as they are published", packages::check),

@@ -43,7 +43,8 @@ pub fn with_numpy() -> Result<PathBuf, String> {
     }
 }
 
-/// Installs packages by their names, or what else `pip install` takes.
+/// Installs packages by their names, or what else `pip install` takes. Python compiles a module where it is
+/// used; of the libraries of formats that is a small part.
 pub fn install(python: &Path, packages: &[&str]) -> Result<(), String> {
     command(
         python,
@@ -53,6 +54,7 @@ pub fn install(python: &Path, packages: &[&str]) -> Result<(), String> {
                 "pip",
                 "install",
                 "--quiet",
+                "--no-compile",
                 "--disable-pip-version-check",
             ],
             packages,

@@ -19,24 +19,30 @@ pub fn built(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// Builds the workspace as its tests have it, for a step that needs its programs: a build without them has
-/// other features of its dependencies and would begin anew.
-pub fn build_as_tested() -> Result<(), String> {
-    cargo(
-        &[&["test", "--quiet", "--no-run"], &AS_TESTED[..]].concat(),
-        &root(),
-        &[],
-    )
-}
-
 /// The workspace with all features, in one profile: tests, lints and programs share what they are built with.
 /// The emulated part declares a newer compiler than it needs; Cargo.lock names versions that build on this
 /// one.
-pub const AS_TESTED: [&str; 5] = [
+pub const AS_TESTED: &[&str] = &[
     "--release",
     "--workspace",
     "--features",
     "hysteron-cli/full",
+    "--ignore-rust-version",
+];
+
+/// The product: the workspace without research and what crosses rooms. All but `hysteron-cli` has the same
+/// features as in [`AS_TESTED`].
+pub const PRODUCT: &[&str] = &[
+    "--release",
+    "--workspace",
+    "--exclude",
+    "hysteron-research",
+    "--exclude",
+    "hysteron-tests",
+    "--exclude",
+    "hysteron-thesis",
+    "--features",
+    "hysteron-cli/board,hysteron-cli/formats,hysteron-cli/lab,hysteron-cli/trace",
     "--ignore-rust-version",
 ];
 

@@ -7,11 +7,7 @@
 //! and go on after the drive has stopped. What the positions of all thresholds give is a density over
 //! threshold and position, the Preisach model of play operators. One number, `k`, stands beside it.
 
-use super::{
-    Against, CoefficientWalker, Declaration, Estimation, Loops, Overview, Parameter, Physics,
-    Picture, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "activated_switching";
@@ -88,9 +84,9 @@ struct Plays {
     plays: Vec<Play>,
     interval: Interval,
     rested: Interval,
+    activation: f64,
     memory: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
 }
 
 impl Plays {
@@ -112,50 +108,28 @@ impl Plays {
             plays: (0..PLAYS).map(play).collect(),
             interval: Interval::new(activation, dt_s),
             rested: Interval::new(activation, RESTED_S),
+            activation,
             memory,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
         }
     }
 
-    fn of(model: &Model, setting: &Setting) -> Option<Self> {
-        let values = model.values(ID)?;
-        let [activation, memory] = [0, 1].map(|i| values.get(i).copied().unwrap_or(1.0));
-        Some(Self::new(model, activation, memory, setting.dt_s))
-    }
-
-    fn normalised(&self, drive_v: f64) -> f64 {
-        (drive_v - self.lower_limit_v) / self.range_v
-    }
-
     fn step(&mut self, drive_v: f64) {
-        let (x, interval) = (self.normalised(drive_v), self.interval);
+        let (x, interval) = (self.range.share(drive_v), self.interval);
         for play in &mut self.plays {
             play.position = interval.follow(play.position, x, play.width);
         }
     }
 
-    /// At rest at a drive that was reached from the lower limit.
-    fn settle(&mut self, drive_v: f64) {
-        let (x, rested, memory) = (self.normalised(drive_v), self.rested, self.memory);
-        for play in &mut self.plays {
-            play.position = rested.follow(memory * play.threshold, x, play.width);
-        }
+    fn positions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.plays.iter().map(|play| play.position)
     }
 
-    /// What one unit of each coefficient gives.
-    fn contributions(&self, drive_v: f64, row: &mut [f64]) {
-        let (reversible, switching) = row.split_at_mut(REVERSIBLE);
-        let of_drive = legendre::<{ REVERSIBLE + 1 }>(2.0 * self.normalised(drive_v) - 1.0);
-        reversible.copy_from_slice(&of_drive[1..]);
-        switching.fill(0.0);
-        for play in &self.plays {
-            let by_level = legendre::<{ LEVELS + 1 }>(2.0 * play.position - 1.0);
-            for (size, row) in play.sizes.iter().zip(switching.chunks_exact_mut(LEVELS)) {
-                for (value, level) in row.iter_mut().zip(&by_level[1..]) {
-                    *value += size * level;
-                }
-            }
+    /// At rest at a drive that was reached from the lower limit.
+    fn settle(&mut self, drive_v: f64) {
+        let (x, rested, memory) = (self.range.share(drive_v), self.rested, self.memory);
+        for play in &mut self.plays {
+            play.position = rested.follow(memory * play.threshold, x, play.width);
         }
     }
 }
@@ -179,11 +153,14 @@ struct SwitchingStage {
     reversible: [f64; REVERSIBLE],
     /// Of each play what its position gives, by polynomial.
     switching: Vec<[f64; LEVELS]>,
+    /// The drives of the last signal, and behind them where the plays stood, where another stage asks.
+    kept: Option<Vec<f64>>,
 }
 
 impl SwitchingStage {
-    fn new(model: &Model, values: &[f64], setting: &Setting) -> Option<Self> {
-        let plays = Plays::of(model, setting)?;
+    fn new(from: &Build) -> Self {
+        let values = from.values;
+        let plays = Plays::new(from.model, values[0], values[1], from.setting.dt_s);
         let value = |i: usize| values.get(i + 2).copied().unwrap_or(0.0);
         let by_level = |play: &Play| -> [f64; LEVELS] {
             std::array::from_fn(|level| {
@@ -191,87 +168,97 @@ impl SwitchingStage {
                 (0..SIZES).map(size).sum()
             })
         };
-        Some(Self {
+        Self {
+            kept: None,
             switching: plays.plays.iter().map(by_level).collect(),
             reversible: std::array::from_fn(value),
             plays,
-        })
+        }
     }
 
-    fn output(&self, drive_v: f64) -> f64 {
+    fn output(&self, drive_v: f64, positions: impl Iterator<Item = f64>) -> f64 {
         let sum = |weights: &[f64], values: &[f64]| -> f64 {
             weights.iter().zip(values).map(|(w, v)| w * v).sum()
         };
-        let of_drive = legendre::<{ REVERSIBLE + 1 }>(2.0 * self.plays.normalised(drive_v) - 1.0);
-        let switched = |(play, weights): (&Play, &[f64; LEVELS])| {
-            let by_level = legendre::<{ LEVELS + 1 }>(2.0 * play.position - 1.0);
+        let x = self.plays.range.share(drive_v);
+        let of_drive = legendre::<{ REVERSIBLE + 1 }>(2.0 * x - 1.0);
+        let switched = |(position, weights): (f64, &[f64; LEVELS])| {
+            let by_level = legendre::<{ LEVELS + 1 }>(2.0 * position - 1.0);
             sum(weights, &by_level[1..])
         };
         sum(&self.reversible, &of_drive[1..])
-            + self
-                .plays
-                .plays
-                .iter()
-                .zip(&self.switching)
-                .map(switched)
-                .sum::<f64>()
+            + positions.zip(&self.switching).map(switched).sum::<f64>()
     }
 }
 
 impl Stage for SwitchingStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.plays.step(input);
-        self.output(input)
+        self.output(input, self.plays.positions())
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.plays.settle(input);
-        self.output(input)
+        self.output(input, self.plays.positions())
+    }
+    fn run(&mut self, from: usize, signal: &mut [f64]) {
+        let mut kept = self.kept.take();
+        if let Some(kept) = &mut kept {
+            kept.clear();
+        }
+        for (k, value) in signal.iter_mut().enumerate() {
+            let drive_v = *value;
+            *value = self.step(from + k, drive_v);
+            if let Some(kept) = &mut kept {
+                kept.push(drive_v);
+                kept.extend(self.plays.positions());
+            }
+        }
+        self.kept = kept;
+    }
+    fn shared(&mut self) -> Option<&mut dyn SharedPart> {
+        Some(self)
     }
 }
 
-impl Loops for SwitchingStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
+impl SharedPart for SwitchingStage {
+    fn made_by(&self) -> Vec<f64> {
+        // Whatever the density, these make the positions.
+        vec![self.plays.activation, self.plays.memory]
     }
-}
-
-/// The plays along the drive, every coefficient apart.
-struct SwitchingWalker(Plays);
-
-impl CoefficientWalker for SwitchingWalker {
-    fn coefficients(&self) -> Vec<(&'static str, usize)> {
-        (0..REVERSIBLE + SIZES * LEVELS)
-            .map(|i| (ID, i + 2))
-            .collect()
+    fn keep(&mut self) {
+        self.kept = Some(Vec::new());
     }
-    fn settle(&mut self, input: f64, row: &mut [f64]) {
-        self.0.settle(input);
-        self.0.contributions(input, row);
+    fn kept(&self) -> &[f64] {
+        self.kept.as_deref().unwrap_or_default()
     }
-    fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
-        for (input, row) in inputs
-            .iter()
-            .zip(block.chunks_exact_mut(REVERSIBLE + SIZES * LEVELS))
-        {
-            self.0.step(*input);
-            self.0.contributions(*input, row);
+    fn run_with(&mut self, signal: &mut [f64], part: &[f64]) {
+        for (value, row) in signal.iter_mut().zip(part.chunks_exact(1 + PLAYS)) {
+            *value = self.output(row[0], row[1..].iter().copied());
         }
     }
 }
 
-impl Physics for ActivatedSwitching {
+impl Loops for SwitchingStage {}
+
+impl Effect for ActivatedSwitching {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Heat lifts domain walls over their barriers: loops widen with the logarithm of the rate, and switching goes on after the drive has stopped."
-                .into(),
-            reference: "Smith, Seelecke, Dapino and Ounaies, J. Mech. Phys. Solids 54 (2006) 46-85; Mayergoyz, Mathematical Models of Hysteresis (1991)"
-                .into(),
-            place: Place::Hysteresis,
-            modifies: None,
+            physics: "Heat lifts domain walls over their barriers: loops widen with the logarithm of the rate, and switching goes on after the drive has stopped.".into(),
+            reference: "Smith, Seelecke, Dapino and Ounaies, J. Mech. Phys. Solids 54 (2006) 46-85; Mayergoyz, Mathematical Models of Hysteresis (1991)".into(),
             experiment: "the same nested loops at rates two decades apart, each followed by a hold".into(),
-            candidate: false,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
+            },
+            // Three times the values of the surfaces, which can take in other effects.
+            tried_for_loops: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
+
+`y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) P_k(2 z_j - 1)` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^1.5 - (j / 32)^1.5`.
+
+Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `a = 1 - exp(-d)`, `b = 1 + exp(-d)` and `q = exp(-|X - z_j| / w_j)` the new distance is `w_j ln((b + q a) / (a + q b))`. Where `q > 1e12 a` the play stands still. At rest each play has followed `X` for 10 s from `memory r_j`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -290,39 +277,6 @@ impl Physics for ActivatedSwitching {
         .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SwitchingStage::new(model, values, setting)?))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(SwitchingStage::new(model, values, setting)?))
-    }
-
-    fn coefficient_walker(
-        &self,
-        model: &Model,
-        setting: &Setting,
-    ) -> Option<Box<dyn CoefficientWalker>> {
-        Some(Box::new(SwitchingWalker(Plays::of(model, setting)?)))
-    }
-}
-
-impl Estimation for ActivatedSwitching {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for ActivatedSwitching {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // Half of the range to each side of its middle, a fifth of it by switching.
         let scale = 0.5 * overview.gain_um_v * overview.drive_range_v();
@@ -332,33 +286,10 @@ impl SearchHints for ActivatedSwitching {
         vec![values]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-
-    fn is_tried_for_loops(&self) -> bool {
-        false // three times the values of the surfaces, which can take in other effects
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(SwitchingStage::new(from)))
     }
 }
-
-impl Presentation for ActivatedSwitching {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
-
-`y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) P_k(2 z_j - 1)` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^1.5 - (j / 32)^1.5`.
-
-Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `a = 1 - exp(-d)`, `b = 1 + exp(-d)` and `q = exp(-|X - z_j| / w_j)` the new distance is `w_j ln((b + q a) / (a + q b))`. Where `q > 1e12 a` the play stands still. At rest each play has followed `X` for 10 s from `memory r_j`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
-        }
-    }
-}
-
-impl SyntheticCases for ActivatedSwitching {}
 
 #[cfg(test)]
 mod tests {
@@ -376,10 +307,10 @@ mod tests {
             let x = beyond * threshold;
             let mut z = 0.0;
             let mut t = 0.0;
-            // Steps over which the distance changes by a ten thousandth of the width.
+            // Steps over which the distance changes by a thousandth of the width.
             while t < length_s {
                 let speed = rate * ((x - z) / width).sinh();
-                let step = (1e-4 * width / speed.max(1e-300)).min(length_s - t);
+                let step = (1e-3 * width / speed.max(1e-300)).min(length_s - t);
                 let middle = z + 0.5 * step * speed;
                 z += step * rate * ((x - middle) / width).sinh();
                 t += step;

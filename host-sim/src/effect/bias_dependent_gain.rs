@@ -3,11 +3,7 @@
 //! Strain is a product of polarisation and field. Around a bias the displacement is linear in the drive with
 //! a coefficient that is proportional to the polarisation, which follows the bias slowly.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "bias_dependent_gain";
@@ -35,19 +31,19 @@ impl Stage for BiasStage {
     }
 }
 
-impl Physics for BiasDependentGain {
+impl Effect for BiasDependentGain {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Strain is polarisation times field: the gain changes with the polarisation, which follows the mean of the motion."
-                .into(),
-            reference: "Smith, Smart Material Systems (2005), Ch. 2; Damjanovic, Rep. Prog. Phys. 61 (1998) 1267-1324"
-                .into(),
-            place: Place::PiezoelectricCoefficient,
-            modifies: None,
+            physics: "Strain is polarisation times field: the gain changes with the polarisation, which follows the mean of the motion.".into(),
+            reference: "Smith, Smart Material Systems (2005), Ch. 2; Damjanovic, Rep. Prog. Phys. 61 (1998) 1267-1324".into(),
             experiment: "the same small loop at several levels, some seconds after each change of level".into(),
-            candidate: false,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Drive,
+                caption: "Loops that are as high as others but tilted, by the level about which they lie.",
+            },
+            equations: r"`m[k] = x[k] + exp(-T / time_constant_s) (m[k-1] - x[k])`, `y = x (1 + per_um m)`. At rest `m = x`.",
+            ..Declaration::on_request(Place::PiezoelectricCoefficient)
         }
     }
 
@@ -64,23 +60,6 @@ impl Physics for BiasDependentGain {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(BiasStage {
-            per_um: values[0],
-            decay: (-setting.dt_s / values[1].max(1e-9)).exp(),
-            mean_um: 0.0,
-        }))
-    }
-}
-
-impl Estimation for BiasDependentGain {}
-
-impl SearchHints for BiasDependentGain {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let range = overview.range_um.max(1e-6);
         // A tenth of a record, so that both motion and rest show it, and ten times faster.
@@ -88,28 +67,16 @@ impl SearchHints for BiasDependentGain {
             .map(|share| vec![0.01 / range, share * overview.duration_s.max(1e-3)])
             .to_vec()
     }
-}
 
-impl Presentation for BiasDependentGain {
-    fn equations(&self) -> &'static str {
-        r"`m[k] = x[k] + exp(-T / time_constant_s) (m[k-1] - x[k])`, `y = x (1 + per_um m)`. At rest `m = x`."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(BiasStage {
+            per_um: from.values[0],
+            decay: (-from.setting.dt_s / from.values[1].max(1e-9)).exp(),
+            mean_um: 0.0,
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Drive,
-            caption: "Loops that are as high as others but tilted, by the level about which they lie.",
-        }
-    }
-}
-
-impl SyntheticCases for BiasDependentGain {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.0016 * strength, 0.05])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.0016 * case.strength, 0.05])
     }
 }
