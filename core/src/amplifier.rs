@@ -55,6 +55,7 @@ use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow};
+use crate::swing_watch::SwingWatch;
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -179,6 +180,7 @@ pub enum Refusal {
 #[repr(C)]
 pub struct Amplifier {
     guard: Guard,
+    swing: SwingWatch,
     mode: Mode,
     fault: Option<Fault>,
     /// What nothing clears.
@@ -255,6 +257,7 @@ impl Amplifier {
         Self {
             servo,
             guard: Guard::new(parameters.guard),
+            swing: SwingWatch::new(&parameters),
             mode: Mode::Rest,
             fault: None,
             for_good: None,
@@ -416,6 +419,8 @@ impl Amplifier {
                     return Err(Refusal::NotConditioned);
                 }
                 self.begin_reference();
+                self.guard.begin_loop();
+                self.swing.begin(self.code);
                 self.mode = Mode::Closed;
             }
             Command::Play {
@@ -485,6 +490,7 @@ impl Amplifier {
         self.parameters.servo.converters.adc_zero = zero;
         self.servo.exchange(&self.parameters.servo);
         self.guard.watch_with(self.parameters.guard);
+        self.swing.watch_with(&self.parameters);
         Ok(())
     }
 
@@ -591,12 +597,13 @@ impl Amplifier {
         self.code = match (self.mode, reading) {
             (Mode::Closed, Some(code)) => {
                 let wanted = self.servo.tick(code, self.generator.next_value());
-                let error = self
-                    .servo
-                    .reference()
-                    .to_bits()
-                    .saturating_sub(self.servo.reading().to_bits());
-                match self.guard.inspect_loop(error, self.servo.slewing()) {
+                let reference = self.servo.reference().to_bits();
+                let error = reference.saturating_sub(self.servo.sensed().to_bits());
+                let fault = self
+                    .guard
+                    .inspect_loop(error, self.servo.slewing())
+                    .or_else(|| self.swing.inspect(wanted, reference));
+                match fault {
                     None => wanted,
                     Some(fault) => {
                         self.refuse(fault);
