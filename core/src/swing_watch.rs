@@ -158,11 +158,11 @@ mod tests {
     }
 
     proptest! {
-        /// From 150 Hz on within 20 ms and what the first half cycle takes, from 26 Hz on at all.
+        /// From 200 Hz on within 20 ms, from 26 Hz on within four cycles.
         #[test]
-        fn a_drive_that_swings_by_itself_is_a_fault(hz in 26.0f64..9_000.0, share in 0.07f64..0.5) {
+        fn a_drive_that_swings_by_itself_is_a_fault(hz in 26.0f64..4_000.0, share in 0.08f64..0.5) {
             let first = first_fault(|s| share * sine(hz, s), |_| 5.0);
-            prop_assert!(first.is_some_and(|first| f64::from(first) / 20_000.0 <= 4.0 / hz + 1e-3), "{first:?}");
+            prop_assert!(first.is_some_and(|first| f64::from(first) / 20_000.0 <= (4.0 / hz).max(0.02)), "{first:?}");
         }
 
         /// Not even at a hundred times the distance that a turn of the reference must have.
