@@ -26,7 +26,7 @@
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | emergency stop, interlock, amplifier not ready | open line to the board | ramp to rest, while open |
 //! | host lost | the drive is live and no command came for longer than the host's timeout | ramp to rest |
-//! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
+//! | drive does not arrive | the drive's converter did not take a code | power off at once |
 //! | sensor is noisy, or does not move | [`crate::self_test`], conditioning | ramp to rest |
 //! | sensor moves against the drive | self-test, conditioning | ramp to rest |
 //! | motion is not the model's | self-test, conditioning | ramp to rest |
@@ -35,7 +35,7 @@
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
 //! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
 //! | drive's converter holds another code | its register, read back | power off at once |
-//! | parameter block | at start | rest |
+//! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
 use crate::codes::{DriveCode, SensorCode};
@@ -108,11 +108,13 @@ pub enum Fault {
     UpdateRolledBack = 31,
     /// The drive of the closed loop swings, and the reference does not.
     LoopSwings = 32,
+    /// What the operator kept is damaged, or of another version or sampling rate.
+    KeptSettings = 33,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 32] = [
+    pub const ALL: [(Self, &'static str); 33] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -157,6 +159,10 @@ impl Fault {
         (Self::DriveNotHeld, "drive's converter holds another code"),
         (Self::UpdateRolledBack, "update rolled back"),
         (Self::LoopSwings, "loop swings"),
+        (
+            Self::KeptSettings,
+            "kept settings are damaged or of another version",
+        ),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
@@ -166,7 +172,7 @@ impl Fault {
     pub fn is_of_output(self) -> bool {
         matches!(
             self,
-            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld
+            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld | Self::DriveSilent
         )
     }
 
