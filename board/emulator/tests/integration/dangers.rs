@@ -3,7 +3,10 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image, image_named, parameters};
+use common::{
+    assert_texts, best_parameters, block, image, image_named, parameters, run_on, texts,
+    typed_back, world,
+};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::set_generation;
 use hysteron_core::safety_envelope::SafetyEnvelope;
@@ -16,30 +19,12 @@ use hysteron_sim::bench::{Bench, Variant};
 use hysteron_sim::closed_loop::Plant;
 use rigless::machine::Crystal;
 
-fn world() -> SharedWorld {
-    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
-}
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
-}
-
 fn run_in(world: &SharedWorld, script: Script) -> Outcome {
-    run(
-        &image(),
-        NucleoBoard::with_plant(world).expect("a board"),
-        script,
-    )
-    .expect("a run")
+    run_on(world, script)
 }
 
 /// Drives that acted, from a while after the start on.
-fn acting(world: &SharedWorld) -> Vec<DriveCode> {
+pub fn acting(world: &SharedWorld) -> Vec<DriveCode> {
     world
         .lock()
         .expect("the world")
@@ -68,17 +53,8 @@ fn a_finished_wave_is_not_read_again() {
         ..Script::listening(320 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(
-        outcome.texts_with("mode fault").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    assert_texts(&outcome, "mode fault", 0);
+    let answers: String = typed_back(&outcome);
     assert_eq!(
         answers, "0\n1=1\n",
         "the table is written while the loop stays closed"
@@ -108,12 +84,7 @@ fn two_blocks_of_which_neither_replaces_the_other_drive_nothing() {
         ..Script::listening(60 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(
-        outcome.texts_with("mode closed").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "mode closed", 0);
     assert!(
         outcome.texts_with("neither replaces the other").count() > 0,
         "{:?}",
@@ -201,11 +172,7 @@ fn kept_settings_that_are_damaged_do_not_arm() {
         ..Script::listening(160 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let answers = typed_back(&outcome);
     assert_eq!(answers, "333\n2=33\n0\n0\n", "{:?}", texts(&outcome));
 }
 
@@ -226,11 +193,7 @@ fn a_loop_that_nothing_has_tried_is_not_closed() {
         ..Script::listening(40 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let answers = typed_back(&outcome);
     assert_eq!(answers, "4006\n1=0\n", "{:?}", texts(&outcome));
 }
 
@@ -397,37 +360,6 @@ fn a_crystal_that_never_starts_is_said_and_nothing_is_driven() {
         texts(&outcome)
     );
     assert!(world.lock().expect("the world").clamped());
-}
-
-#[test]
-fn the_board_check_feeds_the_watchdog_and_steps_no_further_than_it_may() {
-    let bench = Bench::reference().expect("the bench");
-    let mut world = World::new(&bench, Variant::PLAIN, 3);
-    world.wire = true;
-    let world = world.shared();
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let script = Script {
-        hardware_watchdog: true,
-        ..Script::listening(4_000 * MILLISECOND)
-    };
-    let outcome = run(&image_named("board_check"), board, script).expect("a run");
-    assert_eq!(
-        (
-            outcome.resets,
-            outcome.texts_with("board check: 0 failed").count()
-        ),
-        (0, 1),
-        "{:?}",
-        texts(&outcome)
-    );
-    let most = acting(&world)
-        .windows(2)
-        .map(|pair| pair[0].abs_diff(pair[1]))
-        .max()
-        .expect("codes");
-    // 100 V/ms, 5 V a tick, are the slew limit of the bench.
-    assert!(most <= 2_341, "{most} codes in a tick");
 }
 
 #[test]

@@ -1,15 +1,14 @@
-//! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction
+//! A periodic reference on [`IndependentStage`](hysteron_tests::independent_stage::IndependentStage), its correction
 //! learned in several ways: what the learned feedforward is judged by.
 
-use crate::independent_stage::{StageChange, StageTruth};
-use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::predictor::{PredictorDesign, frequency_response};
+use hysteron::servo::sampled_loop::frequency_response;
 use hysteron::watch::Unwatched;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::PREVIEW_TICKS;
@@ -20,6 +19,8 @@ use hysteron_sim::closed_loop::{
 };
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
+use hysteron_tests::servo_study::{RATE_HZ, prepared};
 use hysteron_thesis::commissioning;
 use std::f64::consts::TAU;
 
@@ -240,7 +241,7 @@ fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
     let law = design
         .learning
         .as_ref()
-        .map_or(plain.clone(), |learning| learning.of(&plain));
+        .map_or(plain.clone(), |learning| learning.fed_forward(&plain));
     let plant = design.model.linear.sampled();
     (0..PERIOD_TICKS / 2)
         .map(|h| {

@@ -1,12 +1,11 @@
 //! A stage on [`IndependentStage`] whose gain is another one than when it was recorded, and drifts; the
 //! servo's model of it corrected in several ways: what the slow adaptation is judged by.
 
-use crate::independent_stage::{IndependentStage, StageChange, StageTruth};
-use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::gain_adaptation::AdaptationDesign;
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
-use hysteron::servo::predictor::PredictorDesign;
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{BLOCK_TICKS, ONE, SETTLING_TICKS, WINDOW_BLOCKS};
 use hysteron_core::reference_window::WINDOW;
@@ -15,6 +14,8 @@ use hysteron_core::servo_tick::{Counters, ServoTick};
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Trace, follow};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
+use hysteron_tests::independent_stage::{IndependentStage, StageChange, StageTruth};
+use hysteron_tests::servo_study::{RATE_HZ, prepared};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// How the gain of the model is corrected.
@@ -146,9 +147,9 @@ impl Around {
         };
         let law = PredictorDesign::new(&design.model.linear, tuning);
         let at_rad_s = TAU * 50.0;
-        let late = law
-            .sensitivities(&design.model.linear.sampled(), at_rad_s)
-            .0
+        let plant = design.model.linear.sampled();
+        let late = SampledLoop::new(&law, &plant)
+            .disturbance_response(at_rad_s)
             .norm();
         Self {
             way,

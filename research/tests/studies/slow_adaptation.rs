@@ -4,18 +4,20 @@
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
-use hysteron::servo::commands::{Work, check, follow, with_scheme};
+use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
+use hysteron::servo::named_scheme::with_scheme;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::lead_s;
+use hysteron::servo::reference::lead_s;
+use hysteron::servo::work::{Work, follow};
 use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;
+use hysteron_research::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_research::learning_study::{self, learned};
 use hysteron_sim::chain::Model;
-use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::learning_study::{self, learned};
 use hysteron_tests::servo_study::{StudyRecording, record};
 
 fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
