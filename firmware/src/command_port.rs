@@ -50,9 +50,7 @@ pub fn submit(from: Source, at: Option<u32>, command: Command) -> bool {
 
 /// Gives a command to the amplifier, unless it was stopped since there were so many stops: `None`.
 pub fn submit_unless_stopped(from: Source, command: Command, stops_so_far: u32) -> Option<bool> {
-    critical_section::with(|_| {
-        (stops() == stops_so_far).then(|| submit(from, None, command))
-    })
+    critical_section::with(|_| (stops() == stops_so_far).then(|| submit(from, None, command)))
 }
 
 /// Whether another command finds room.

@@ -32,6 +32,25 @@ pub static INPUT: LineInput<INPUT_BYTES> = LineInput::new();
 /// Something has come and the line is silent, or half of the room is used.
 pub static CAME: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
+/// A stop byte has acted here and is not yet among the lines: those that wait came before it.
+static STOP_WAITS: AtomicBool = AtomicBool::new(false);
+
+/// Whether the lines that wait came before a stop.
+pub fn stop_waits() -> bool {
+    STOP_WAITS.load(Ordering::Relaxed)
+}
+
+/// Whether everything that came has been taken; then no stop waits any more.
+pub fn all_taken() -> bool {
+    critical_section::with(|_| {
+        let all = INPUT.waiting() == 0;
+        if all {
+            STOP_WAITS.store(false, Ordering::Relaxed);
+        }
+        all
+    })
+}
+
 struct Outgoing {
     bytes: heapless::Vec<u8, OUTPUT_BYTES>,
     sent: usize,
@@ -110,6 +129,7 @@ pub fn on_interrupt() {
         if status.rxne() {
             let byte = port.rdr().read().0 as u8;
             if byte == STOP_BYTE && !garbled {
+                STOP_WAITS.store(true, Ordering::Relaxed);
                 command_port::stop();
             }
             INPUT.put((!garbled).then_some(byte));
@@ -125,7 +145,9 @@ pub fn on_interrupt() {
         }
     }
     if SENDS.load(Ordering::Relaxed) {
-        critical_section::with(|section| go_on_sending(port, &mut OUTGOING.borrow_ref_mut(section)));
+        critical_section::with(|section| {
+            go_on_sending(port, &mut OUTGOING.borrow_ref_mut(section))
+        });
     }
 }
 

@@ -20,7 +20,7 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
 use hysteron_core::amplifier::Command;
-use hysteron_core::command_lines::Received;
+use hysteron_core::command_lines::{Received, STOP_BYTE};
 use hysteron_core::line_input::Arrived;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_protocol::session::{Outcome, Piece, Session, Step};
@@ -94,7 +94,9 @@ pub fn take(reply: Reply) {
 async fn receiving() {
     loop {
         serial_line::CAME.wait().await;
+        let mut stop_came = false;
         while let Some(arrived) = serial_line::INPUT.take() {
+            stop_came |= arrived == Arrived::Byte(STOP_BYTE);
             let (received, came) = LINES.lock(|lines| {
                 let mut lines = lines.borrow_mut();
                 let before = lines.waiting();
@@ -110,7 +112,8 @@ async fn receiving() {
             if came || received.stop || received.no_room > 0 {
                 control::hear_host();
             }
-            if received.stop {
+            // The byte has acted in the interrupt.
+            if received.stop && arrived != Arrived::Byte(STOP_BYTE) {
                 command_port::stop();
             }
             if received.too_long > 0 {
@@ -122,6 +125,11 @@ async fn receiving() {
             if received.incomplete > 0 {
                 INCOMPLETE.signal(());
             }
+        }
+        let stop_waited = serial_line::stop_waits();
+        if serial_line::all_taken() && stop_waited && !stop_came {
+            // The byte found no room: what waits came before it all the same.
+            LINES.lock(|lines| lines.borrow_mut().receive(&[STOP_BYTE]));
         }
         LINE_CAME.signal(());
     }
@@ -144,7 +152,7 @@ async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
             if INCOMPLETE.try_take().is_some() {
                 session.lost_bytes();
             }
-            session.obey(&line.bytes, line.before_stop);
+            session.obey(&line.bytes, line.before_stop || serial_line::stop_waits());
             loop {
                 match session.next(&mut piece) {
                     Step::Done => break,

@@ -68,7 +68,7 @@ pub fn bench_envelope() -> SafetyEnvelope {
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
         sensor_span_nm: 15_000,
-        jump_within_nm: 4_000,
+        jump_within_nm: 8_000,
         // Most runs are about something else than the self-test, which takes half a second.
         closes_untested: true,
     }

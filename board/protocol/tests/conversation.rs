@@ -714,7 +714,7 @@ fn parameters_are_named_by_numbers() {
         table.ask("SPA? 1 0x7F000009 1 0x7F00000A"),
         "1 0x7f000009=16 \n1 0x7f00000a=16\n"
     );
-    assert_eq!(table.ask("HPA?").lines().count(), 37);
+    assert_eq!(table.ask("HPA?").lines().count(), 39);
     assert_eq!(
         table.ask("SPA? 1 0x7F000001"),
         "1 0x7f000001=15.000000000\n"
@@ -1262,6 +1262,7 @@ fn settings_are_kept_at_rest_and_come_back() {
 #[test]
 fn a_command_that_lost_a_byte_or_goes_too_far_moves_nothing() {
     let mut table = Table::ready();
+    table.tell("SVO 1 0", 0);
     let sealed = |line: &str| format!("{line} *{:08X}", seal::checksum(line));
     table.tell(&sealed("SVA 1 10.0"), 0);
     table.run(4_000);

@@ -11,13 +11,13 @@
 
 use cortex_m::peripheral::{DWT, MPU, SCB};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::peripherals::TIM2;
 use embassy_stm32::time::Hertz;
-use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt, rcc};
 

@@ -12,12 +12,12 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS, PWR, RCC};
 use embassy_stm32::rcc::{Hse, HseMode, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;

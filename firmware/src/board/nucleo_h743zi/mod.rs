@@ -15,7 +15,9 @@ mod voltage_monitor;
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
 use embassy_stm32::rcc::mux::{Adcsel, Saisel};
 use embassy_stm32::rcc::{
@@ -23,8 +25,6 @@ use embassy_stm32::rcc::{
     VoltageScale,
 };
 use embassy_stm32::time::Hertz;
-use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
@@ -148,12 +148,7 @@ impl Platform for NucleoH743zi {
         peripherals: Peripherals,
         config: SerialConfig,
     ) -> Result<Uart<'static, Blocking>, ConfigError> {
-        Uart::new_blocking(
-            peripherals.USART3,
-            peripherals.PD9,
-            peripherals.PD8,
-            config,
-        )
+        Uart::new_blocking(peripherals.USART3, peripherals.PD9, peripherals.PD8, config)
     }
 
     fn serial_registers() -> Lpuart {

@@ -204,6 +204,8 @@ mod tests {
         tracking_error_um = 1.0
         sensor_margin_codes = 16
         healthy_s = 0.1
+        sensor_span_um = 15.0
+        sensor_jump_um = 1.5
         capacitance_uf = 1.5
         current_ma = 20.0
     "#;
