@@ -2,7 +2,7 @@
 //! where it was predicted.
 
 use hysteron::model_file::effects_named;
-use hysteron::servo::commands::{check, gain_ratio};
+use hysteron::servo::check::{check, gain_ratio};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::model::actuator_model;
 use hysteron::servo::order::{self, DesignOrder};

@@ -3,7 +3,10 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image, image_named, parameters};
+use common::{
+    assert_texts, best_parameters, block, image, image_named, parameters, run_on, texts,
+    typed_back, world,
+};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::set_generation;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE, SafetyLine};
@@ -12,26 +15,8 @@ use hysteron_emulator::run::{Injection, MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 use rigless::machine::Crystal;
 
-fn world() -> SharedWorld {
-    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
-}
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
-}
-
 fn run_in(world: &SharedWorld, script: Script) -> Outcome {
-    run(
-        &image(),
-        NucleoBoard::with_plant(world).expect("a board"),
-        script,
-    )
-    .expect("a run")
+    run_on(world, script)
 }
 
 /// Drives that acted, from a while after the start on.
@@ -64,17 +49,8 @@ fn a_finished_wave_is_not_read_again() {
         ..Script::listening(320 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(
-        outcome.texts_with("mode fault").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    assert_texts(&outcome, "mode fault", 0);
+    let answers: String = typed_back(&outcome);
     assert_eq!(
         answers, "0\n1=1\n",
         "the table is written while the loop stays closed"
@@ -104,12 +80,7 @@ fn two_blocks_of_which_neither_replaces_the_other_drive_nothing() {
         ..Script::listening(60 * MILLISECOND)
     };
     let outcome = run_in(&world, script);
-    assert_eq!(
-        outcome.texts_with("mode closed").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "mode closed", 0);
     assert!(
         outcome.texts_with("neither replaces the other").count() > 0,
         "{:?}",

@@ -3,10 +3,9 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image};
-use hysteron_emulator::board::NucleoBoard;
+use common::{best_parameters, block, run_on, typed_back};
 use hysteron_emulator::converters::{SharedWorld, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 fn run_with(serial: Vec<(u64, Vec<u8>)>, until_ms: u64) -> (Outcome, SharedWorld) {
@@ -16,21 +15,12 @@ fn run_with(serial: Vec<(u64, Vec<u8>)>, until_ms: u64) -> (Outcome, SharedWorld
         serial,
         ..Script::listening(until_ms * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     (outcome, world)
 }
 
 fn text(outcome: &Outcome) -> String {
-    outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect()
+    typed_back(&outcome)
 }
 
 #[test]
@@ -173,12 +163,7 @@ fn from_an_empty_flash_a_block_is_brought_kept_and_taken() {
         serial,
         ..Script::listening(1_400 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let answers = text(&outcome);
     let lines: Vec<&str> = answers.lines().map(str::trim_end).collect();
     let fingerprint = hysteron_core::parameter_block::fingerprint(&good).expect("a block");

@@ -9,7 +9,8 @@ use crate::read_arguments::ReadArguments;
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
-use hysteron::servo::commands::{self, CheckResult};
+use hysteron::servo::check;
+use hysteron::servo::check::CheckResult;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::words;
@@ -288,7 +289,7 @@ fn design(
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check_with(&design, &found.model, Some(&dataset))
+    let check = check::check_with(&design, &found.model, Some(&dataset))
         .map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset

@@ -1,9 +1,9 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
+use super::known::OnPlants;
 use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 use super::members::PlantBand;
-use super::order::OnPlants;
-use super::robust::decibels;
+use super::sampled_loop::decibels;
 use super::track::{SETTLED, StepFigures};
 use crate::statistics::extremes;
 
