@@ -7,10 +7,10 @@ use hysteron::servo::check::{CheckResult, check_with};
 use hysteron::servo::design::{SCHEMA, ServoDesign};
 use hysteron::servo::named_scheme;
 use hysteron::servo::track::TrackResult;
-use hysteron::servo::words;
 use hysteron::servo::work::{self, Work};
 use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
+use hysteron_report::servo_words as words;
 use hysteron_report::{Page, PageBlock, Section, nyquist, sensitivity, step_section};
 use std::path::Path;
 

@@ -10,10 +10,10 @@ use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::{DriveFigures, TrackResult};
-use hysteron::servo::words;
 use hysteron::servo::work::{self, Work};
 use hysteron::{Error, Result};
 use hysteron_report::TrackPage;
+use hysteron_report::servo_words as words;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -13,7 +13,6 @@ use hysteron::servo::check;
 use hysteron::servo::check::CheckResult;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::words;
 use hysteron::statistics::{extremes, mean};
 use hysteron::synthetic::drives::board_drives;
 use hysteron::{Dataset, Error, Result};
@@ -22,6 +21,7 @@ use hysteron_client::playing::{Wave, listen, play};
 use hysteron_client::scale::Scale;
 use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
+use hysteron_report::servo_words as words;
 use hysteron_report::{
     CurveRole, Page, PageBlock, Plot, Section, Series, Tone, explain_page, explain_report, nyquist,
     sensitivity, trade_off,

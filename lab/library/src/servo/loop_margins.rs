@@ -404,7 +404,8 @@ fn first_from_rest(
 pub(super) const NO_DIFFERENCE: f64 = 0.01;
 
 /// Whether two first values are not the same.
-pub(super) fn differ(a: f64, b: f64) -> bool {
+#[must_use]
+pub fn differ(a: f64, b: f64) -> bool {
     (a / b).ln().abs() > NO_DIFFERENCE
 }
 
@@ -446,7 +447,8 @@ fn worst_case(
 /// A first unstable value with so many digits, rounded away from what is stable: with the number that is read
 /// it *is* unstable. A servo that holds with twice the mass is not told to be unstable with "2.00 times" of
 /// it.
-pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
+#[must_use]
+pub fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
     let scale = 10f64.powi(digits as i32);
     // A number that is as short as that already stays.
     let scaled = value * scale;

@@ -103,8 +103,6 @@ mod value_ranges;
 #[doc(hidden)]
 pub mod window_fit;
 #[doc(hidden)]
-pub mod words;
-#[doc(hidden)]
 pub mod work;
 
 pub use check::{CheckResult, check};
