@@ -11,6 +11,7 @@ leaves on records that it was not fitted to.
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,26 +44,24 @@ def follow(position, drive, width, lost):
 
 @njit
 def walk(drive, start, width, lost):
+    """All plays along a drive; `lost` is of each."""
     out = np.empty((len(start), len(drive)))
     for j in range(len(start)):
         position = start[j]
         for k in range(len(drive)):
-            position = follow(position, drive[k], width[j], lost)
+            position = follow(position, drive[k], width[j], lost[j])
             out[j, k] = position
     return out
 
 
-def lost_in(activation, length_s):
-    return -np.expm1(-2 * length_s / ATTEMPT_S * np.exp(-1 / activation))
-
-
-def positions(drive, held_s, activation):
+def positions(drive, held_s, shape):
     """Of all plays: first where they rest at 0 V, reached from the lower limit, then along the drive."""
-    width = activation * THRESHOLDS
-    hold = lambda start, volt, time: np.array([follow(z, volt, w, lost_in(activation, time)) for z, w in zip(start, width)])
-    rest = hold(LOWER_V + THRESHOLDS, 0.0, RESTED_S)
+    width = shape.activation * (np.full(PLAYS, shape.one_width_of_v) if shape.one_width_of_v else THRESHOLDS)
+    lost_in = lambda time: -np.expm1(-2 * time / ATTEMPT_S * np.exp(-THRESHOLDS / width))
+    hold = lambda start, volt, time: np.array([follow(*of) for of in zip(start, np.full(PLAYS, volt), width, lost_in(time))])
+    rest = hold(LOWER_V + THRESHOLDS if shape.swept else np.zeros(PLAYS), 0.0, RESTED_S)
     begin = hold(rest, drive[0], held_s)
-    return np.column_stack([rest, walk(drive, begin, width, lost_in(activation, 1 / RATE_HZ))])
+    return np.column_stack([rest, walk(drive, begin, width, lost_in(1 / RATE_HZ))])
 
 
 def density(z):
@@ -128,20 +127,30 @@ def bias(time_s):
     return lambda s, h, l, held: [log_creep(s, held), s * mean_over(h + l, time_s, held)]
 
 
+class Shape(NamedTuple):
+    """Widths of the edges of plays, as shares of their thresholds or of one voltage, and where they begin."""
+
+    activation: float = 0.031
+    one_width_of_v: float = 0.0
+    swept: bool = True
+
+
 STRUCTURES = (
-    ("plays with sharp edges, creep", 0.002, creep, 1),
-    ("the same, and relaxation of the switching part", 0.002, relaxing, 3),
-    ("activated plays, no creep", 0.031, none, 1),
-    ("activated plays, creep", 0.031, creep, 1),
-    ("the same, activation 0.025", 0.025, creep, 1),
-    ("the same, activation 0.04", 0.04, creep, 1),
-    ("and relaxation of the switching part", 0.031, relaxing, 3),
-    ("and strain quadratic in polarisation", 0.031, quadratic, 3),
-    ("and drive times switching part", 0.031, product, 3),
-    ("and both", 0.031, both, 3),
-    ("and a gain by the bias over 0.03 s", 0.031, bias(0.03), 3),
-    ("and a gain by the bias over 0.1 s", 0.031, bias(0.1), 3),
-    ("and a gain by the bias over 1 s", 0.031, bias(1.0), 3),
+    ("plays with sharp edges, creep", Shape(0.002), creep, 1),
+    ("the same, and relaxation of the switching part", Shape(0.002), relaxing, 3),
+    ("activated plays, no creep", Shape(), none, 1),
+    ("activated plays, creep", Shape(), creep, 1),
+    ("the same, activation 0.025", Shape(0.025), creep, 1),
+    ("the same, activation 0.04", Shape(0.04), creep, 1),
+    ("edges as wide as that of a play of 30 V", Shape(one_width_of_v=30.0), creep, 1),
+    ("plays that begin at 0 V", Shape(swept=False), creep, 1),
+    ("activated plays, creep, relaxation of the switching part", Shape(), relaxing, 3),
+    ("activated plays, creep, strain quadratic in polarisation", Shape(), quadratic, 3),
+    ("activated plays, creep, drive times switching part", Shape(), product, 3),
+    ("activated plays, creep, both of these", Shape(), both, 3),
+    ("activated plays, creep, a gain by the bias over 0.03 s", Shape(), bias(0.03), 3),
+    ("activated plays, creep, a gain by the bias over 0.1 s", Shape(), bias(0.1), 3),
+    ("activated plays, creep, a gain by the bias over 1 s", Shape(), bias(1.0), 3),
 )
 
 
@@ -204,21 +213,21 @@ def main():
     records = load(folder)
     cache = {}
 
-    def parts_at(activation):
-        if activation not in cache:
+    def parts_at(shape):
+        if shape not in cache:
             cache.clear()
-            cache[activation] = {
-                name: (density(positions(u, held, activation)), np.concatenate([[0.0], u / LARGEST_V]))
+            cache[shape] = {
+                name: (density(positions(u, held, shape)), np.concatenate([[0.0], u / LARGEST_V]))
                 for name, (_, u, _, held) in records.items()
             }
-        return cache[activation]
+        return cache[shape]
 
     print("| structure | all four | 20 Hz, sine | 40 Hz, tri | 20, 40 Hz |\n|---|---|---|---|---|")
     left = {}
-    for label, activation, extra, rounds in STRUCTURES:
+    for label, shape, extra, rounds in STRUCTURES:
         cells = []
         for fitted in SETS:
-            left = judge(parts_at(activation), records, fitted, extra, rounds)
+            left = judge(parts_at(shape), records, fitted, extra, rounds)
             error = lambda n: 1e3 * left[n][records[n][0] >= FROM_S[n]].std()
             cells.append(" ".join(f"**{error(n):.0f}**" if n not in fitted else f"{error(n):.0f}" for n in NAMES))
         print(f"| {label} | " + " | ".join(cells) + " |", flush=True)
@@ -226,7 +235,7 @@ def main():
         extra = bias(1.0)
         crossed = {}
         for fitted in SETS[1:3]:
-            found = judge(parts_at(0.031), records, fitted, extra, 3)
+            found = judge(parts_at(Shape()), records, fitted, extra, 3)
             crossed.update({n: found[n] for n in NAMES if n not in fitted})
         over_time, over_drive = [], []
         for name in NAMES:
