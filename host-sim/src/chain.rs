@@ -12,6 +12,7 @@ use crate::effect::{
     AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage,
 };
 use crate::intersample::Intersample;
+pub use crate::origin::Identified;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -113,25 +114,6 @@ impl EffectInstance {
     fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         self.effect.stage(model, &self.values(), setting)
     }
-}
-
-/// What a model was identified from, and how well its values are known together.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Identified {
-    /// The values, each by effect and parameter.
-    pub values: Vec<(String, String)>,
-    /// Lower triangular factor of their covariance in coordinates, by rows.
-    pub factor: Vec<Vec<f64>>,
-    /// The error that judged the model, um.
-    pub error_um: f64,
-    /// Longest record, s.
-    pub seconds: f64,
-    /// Lowest drive, V.
-    pub low_v: f64,
-    /// Highest drive, V.
-    pub high_v: f64,
-    /// Largest slope of the drive, V/s.
-    pub slope_max_v_s: f64,
 }
 
 /// A chain of effects with values: drive voltage in, sensor reading out.

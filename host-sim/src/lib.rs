@@ -29,6 +29,7 @@ pub mod intersample;
 pub mod linear_system;
 pub mod loop_inverse;
 pub mod noise;
+pub mod origin;
 pub mod rate_dependent_hysteresis;
 pub mod several_axes;
 pub mod stick_slip;

@@ -72,6 +72,8 @@ pub mod identify;
 #[doc(hidden)]
 pub mod model_file;
 #[doc(hidden)]
+pub mod origin;
+#[doc(hidden)]
 pub mod outcome;
 #[doc(hidden)]
 mod parallel;
