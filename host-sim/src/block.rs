@@ -7,6 +7,7 @@
 
 use crate::chain::{Drive, InitialState, Model};
 use crate::hysteresis_surface::{OneSidedHysteresis, STACK_CAPACITY, Surfaces};
+use crate::intersample::Intersample;
 
 /// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`;
 /// `x` counts from `offset`, and so does `y`.
@@ -248,11 +249,6 @@ pub enum Block {
         /// 1/um^2.
         cubic: f64,
     },
-    /// The nearest multiple of a step, half a step away from zero.
-    Round {
-        /// The step, um.
-        step: f64,
-    },
     /// `y = x + compliance force`.
     Force {
         /// um/N.
@@ -279,7 +275,6 @@ impl Block {
             Self::Drift { .. } => "drift",
             Self::Lines(_) => "lines",
             Self::Bend { .. } => "bend",
-            Self::Round { .. } => "round",
             Self::Force { .. } => "force",
         }
     }
@@ -301,6 +296,8 @@ pub struct Placed {
 pub struct BlockChain {
     /// Sampling period, s.
     pub dt_s: f64,
+    /// What the drive does between samples.
+    pub intersample: Intersample,
     /// Sub-intervals in a period.
     pub substeps: usize,
     /// The drive at which a virgin actuator rests, V.
@@ -312,17 +309,22 @@ pub struct BlockChain {
 }
 
 impl BlockChain {
-    /// The blocks of a model at a sampling period.
+    /// The blocks of a model at a sampling period, in front of the sensor's rounding, for a drive that does
+    /// this between its samples.
     ///
     /// # Errors
     /// The identifier of the first effect that has none.
-    pub fn of(model: &Model, dt_s: f64) -> Result<Self, String> {
-        let substeps = model.substeps(dt_s);
+    pub fn of(model: &Model, dt_s: f64, intersample: Intersample) -> Result<Self, String> {
+        let model = &*model.before_rounding();
         let mut blocks = Vec::new();
-        let held = Drive::held(&[], dt_s, InitialState::Virgin);
-        for (effect, fine) in model.order_with_fineness(&held) {
+        let drive = Drive {
+            intersample,
+            ..Drive::held(&[], dt_s, InitialState::Virgin)
+        };
+        let substeps = model.substeps_for(&drive);
+        for (effect, fine) in model.order_with_fineness(&drive) {
             let instance = &model.effects[effect];
-            let setting = model.setting(&held, if fine { substeps } else { 1 });
+            let setting = model.setting(&drive, if fine { substeps } else { 1 });
             let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else {
                 continue;
             };
@@ -336,6 +338,7 @@ impl BlockChain {
         }
         Ok(Self {
             dt_s,
+            intersample,
             substeps,
             drive_min_v: model.drive_min_v,
             drive_max_v: model.drive_max_v,
@@ -354,7 +357,8 @@ impl BlockChain {
     /// What the sensor reads at every sample, um: the reference that exports are compared with.
     #[must_use]
     pub fn simulate(&self, drive: &Drive, at_rest_v: f64) -> Vec<f64> {
-        let (mut signal, mut at_rest, mut fine) = (drive.drive_v.to_vec(), at_rest_v, false);
+        let (signal, mut fine) = drive.over_intervals(self.substeps);
+        let (mut signal, mut at_rest) = (signal.into_owned(), at_rest_v);
         for placed in &self.blocks {
             if placed.fine && !fine {
                 signal = signal
@@ -392,13 +396,6 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
         Block::Bend { quadratic, cubic } => {
             each(at_rest, signal, |x| x * (1.0 + x * (quadratic + x * cubic)))
         }
-        Block::Round { step } => each(at_rest, signal, |x| {
-            if *step > 0.0 {
-                (x / step).round() * step
-            } else {
-                x
-            }
-        }),
         Block::Slope { most, gives_mean } => {
             let mut stands = at_rest;
             signal.iter_mut().for_each(|x| {

@@ -4,7 +4,6 @@ use super::{
     Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
     Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
-use crate::block::Block;
 use crate::chain::Model;
 
 /// Rounds the reading to the nearest code.
@@ -21,9 +20,6 @@ impl Stage for RoundStage {
         } else {
             input
         }
-    }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Round { step: self.lsb_um }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)

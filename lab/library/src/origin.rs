@@ -2,14 +2,16 @@
 //! in which state a simulation begins, unless somebody specifies it.
 
 use crate::dataset::timing::Timing;
-use crate::dataset::{Dataset, Record, Role};
+use crate::dataset::{Dataset, PlayedDrive, Record, Role};
+use crate::error::{Error, Result};
 use crate::identification::fit::counted_residual;
 use crate::identification::linearisation::raw_residual;
 use crate::identification::nuisance_terms::{OwnMotions, Samples};
 use crate::parallel;
+use crate::prediction::{BAND_95, Prediction, predict};
 use crate::replay::{files, whole};
 use crate::statistics::{extremes, rms};
-use hysteron_sim::chain::{Identified, InitialState, Model};
+use hysteron_sim::chain::{Drive, Identified, InitialState, Model};
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::origin::{RecordStart, Recorded};
 use std::path::Path;
@@ -82,7 +84,7 @@ fn times_error(mut left: Vec<f64>, error_um: f64) -> f64 {
     let at = ((IN_BAND * left.len() as f64).ceil() as usize).clamp(1, left.len().max(1)) - 1;
     match left.get(at) {
         Some(within_um) if error_um > 0.0 => within_um / error_um,
-        _ => crate::prediction::BAND_95,
+        _ => BAND_95,
     }
 }
 
@@ -110,12 +112,59 @@ fn recorded(model: &Model) -> Option<&Recorded> {
     model.identified.as_deref().map(|known| &known.recorded)
 }
 
-/// The way from the files of a model to its records, in words.
-#[must_use]
-pub fn way_in_words(recorded: &Recorded) -> String {
-    match recorded.intersample {
-        Intersample::Hold => timing_of(recorded).name().to_owned(),
-        other => format!("a drive that is {} between samples", other.name()),
+/// When the drives of files act and what they do between samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    /// When the drive of a row acts.
+    pub timing: Timing,
+    /// What it does between samples.
+    pub intersample: Intersample,
+    /// Somebody specified it.
+    specified: bool,
+}
+
+impl Way {
+    /// The way that somebody specified, else that of the records of a model. One that is specified only in
+    /// part is the usual one in the rest.
+    #[must_use]
+    pub fn told(model: &Model, timing: Option<Timing>, intersample: Option<Intersample>) -> Self {
+        let specified = timing.is_some() || intersample.is_some();
+        let known = recorded(model).filter(|_| !specified);
+        Self {
+            timing: timing.or(known.map(timing_of)).unwrap_or_default(),
+            intersample: intersample
+                .or(known.map(|k| k.intersample))
+                .unwrap_or_default(),
+            specified,
+        }
+    }
+
+    /// In words, with where it comes from.
+    #[must_use]
+    pub fn in_words(self) -> String {
+        let source = if self.specified {
+            "as specified"
+        } else {
+            "as the model's records"
+        };
+        match self.intersample {
+            Intersample::Hold => format!("{} ({source})", self.timing.name()),
+            other => format!(
+                "a drive that is {} between samples ({source})",
+                other.name()
+            ),
+        }
+    }
+
+    /// The drive that acts from each sample on: the last value of a file whose rows act before stays.
+    fn acting(self, drive_v: &[f64]) -> Vec<f64> {
+        match self.timing {
+            Timing::HoldAfterSample => drive_v.to_vec(),
+            Timing::HoldBeforeSample => {
+                let later = drive_v.iter().skip(1).chain(drive_v.last());
+                later.copied().collect()
+            }
+        }
     }
 }
 
@@ -129,14 +178,24 @@ pub fn timing_of(recorded: &Recorded) -> Timing {
     }
 }
 
+/// Whether a drive begins where a record does.
+fn near(model: &Model, recorded_v: f64, first_v: f64) -> bool {
+    (recorded_v - first_v).abs() <= near_v(model)
+}
+
+/// A drive begins where a record does if it is nearer to it than this, V.
+#[must_use]
+pub fn near_v(model: &Model) -> f64 {
+    AS_RECORDED * (model.drive_max_v - model.drive_min_v)
+}
+
 /// The start of the file that a drive is, by its name and its first value.
 fn start_by_name<'m>(model: &'m Model, file: &str, first_v: f64) -> Option<&'m RecordStart> {
-    let near_v = AS_RECORDED * (model.drive_max_v - model.drive_min_v);
     let name = Path::new(file).file_name()?.to_string_lossy();
-    recorded(model)?
-        .starts
+    let starts = &recorded(model)?.starts;
+    starts
         .iter()
-        .find(|start| *name == *start.file && (start.drive_v - first_v).abs() <= near_v)
+        .find(|start| *name == *start.file && near(model, start.drive_v, first_v))
 }
 
 /// The data set as the records of a model were read, in all that nobody specified of it; none where nothing
@@ -154,7 +213,7 @@ pub fn read_as_recorded(model: &Model, dataset: &Dataset) -> Option<Dataset> {
     }
     let mut changed = Vec::new();
     if dataset.timing_is_assumed && !out.timing_is_assumed {
-        changed.push(way_in_words(recorded));
+        changed.push(Way::told(model, None, None).in_words());
     }
     if out.sensor_lsb_um.is_none() && recorded.sensor_lsb_um.is_some() {
         out.sensor_lsb_um = recorded.sensor_lsb_um;
@@ -186,46 +245,124 @@ pub fn read_as_recorded(model: &Model, dataset: &Dataset) -> Option<Dataset> {
 }
 
 /// How a simulation begins.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Initial {
     /// As the records of the model.
     AsRecorded,
     /// In this state, the sensor's zero where the model has it.
     State(InitialState),
+    /// As a recording did.
+    As(RecordStart),
 }
 
 impl Initial {
-    /// The start of a drive whose first sample is `first_v`; `file` is what it is called. In words as well.
+    /// A state in which a simulation can begin, by its name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        InitialState::named(name)
+            .filter(|state| *state != InitialState::Unknown)
+            .map(Self::State)
+    }
+
+    /// As a recording that was read: as the model knows it by its name, or as its readings show.
+    ///
+    /// # Errors
+    /// It has no readings.
+    pub fn like(model: &Model, file: &PlayedDrive, way: Way) -> Result<Self> {
+        let drive_v = way.acting(&file.drive_v);
+        let first_v = drive_v.first().copied().unwrap_or_default();
+        if let Some(start) = start_by_name(model, &file.file, first_v) {
+            return Ok(Self::As(start.clone()));
+        }
+        let Some(reading_um) = &file.reading_um else {
+            return Err(Error::new(
+                &file.file,
+                "has no readings; expected a recording, whose readings show the state in which it begins",
+            ));
+        };
+        let whole = Record {
+            window: way.timing as usize..drive_v.len(),
+            intersample: way.intersample,
+            ..Record::new(&file.file, file.sample_rate_hz, drive_v, reading_um.clone())
+        };
+        Ok(Self::As(start_of(model, &whole)))
+    }
+
+    /// Predicts the reading under the drive of a file, as its rows have it; `place` is what the drive is called
+    /// in messages. Says in words how it begins.
+    ///
+    /// # Errors
+    /// As [`crate::simulate`].
+    pub fn predict(
+        &self,
+        model: &Model,
+        file: &str,
+        drive: &Drive,
+        way: Way,
+        place: &str,
+    ) -> Result<(Prediction, String)> {
+        let acting_v = way.acting(drive.drive_v);
+        let first_v = acting_v.first().copied().unwrap_or(model.drive_min_v);
+        let (start, words) = self.start(model, file, first_v);
+        let acting = Drive {
+            drive_v: &acting_v,
+            intersample: way.intersample,
+            ..*drive
+        };
+        Ok((predict(model, &acting, &start, place)?, words))
+    }
+
+    /// The start that an export carries, and how near a drive has to begin to it for its motions to be there,
+    /// V: one that was asked for is there for any.
+    #[must_use]
+    pub fn to_carry(&self, model: &Model) -> (RecordStart, f64) {
+        let first = recorded(model).and_then(|recorded| recorded.starts.first());
+        match (self, first) {
+            (Self::State(state), _) => (RecordStart::resting(*state, 0.0), 0.0),
+            (Self::As(start), _) => (start.clone(), f64::MAX),
+            (Self::AsRecorded, Some(start)) => (start.clone(), near_v(model)),
+            (Self::AsRecorded, None) => (RecordStart::resting(InitialState::Virgin, 0.0), 0.0),
+        }
+    }
+
+    /// The start of a drive with this first value; `file` is what it is called. In words as well.
     #[must_use]
     pub fn start(&self, model: &Model, file: &str, first_v: f64) -> (RecordStart, String) {
-        let starts = recorded(model).map_or(&[][..], |recorded| &recorded.starts);
-        match (self, start_by_name(model, file, first_v), starts.first()) {
+        let first = recorded(model).and_then(|recorded| recorded.starts.first());
+        let known = start_by_name(model, file, first_v)
+            .or(first.filter(|start| near(model, start.drive_v, first_v)));
+        match (self, known, first) {
             (Self::State(state), ..) => (
                 RecordStart::resting(*state, first_v),
                 format!("begins {}", state.name()),
             ),
-            (Self::AsRecorded, Some(start), _) => (
+            (Self::As(start), ..) | (_, Some(start), _) => (
                 start.clone(),
-                format!("begins as that record did: {}", in_words(start)),
+                format!("begins as {} did: {}", start.file, in_words(start)),
             ),
-            (Self::AsRecorded, None, Some(start)) => {
-                let start = RecordStart {
-                    motions: Vec::new(),
-                    drive_v: first_v,
-                    state: match start.state {
-                        InitialState::Virgin => InitialState::Virgin,
-                        _ => InitialState::Settled,
-                    },
-                    ..start.clone()
-                };
-                let words = in_words(&start);
-                (start, format!("begins as the model's records did: {words}"))
+            (_, None, Some(start)) => {
+                let start = at_rest(start, first_v);
+                let words = format!("begins {}", in_words(&start));
+                (start, words)
             }
-            (Self::AsRecorded, None, None) => (
+            (_, None, None) => (
                 RecordStart::resting(InitialState::Virgin, first_v),
                 "begins virgin; the model does not say how its records began".into(),
             ),
         }
+    }
+}
+
+/// The start of a record with nothing moving, for a drive that begins elsewhere.
+fn at_rest(start: &RecordStart, first_v: f64) -> RecordStart {
+    RecordStart {
+        motions: Vec::new(),
+        drive_v: first_v,
+        state: match start.state {
+            InitialState::Virgin => InitialState::Virgin,
+            _ => InitialState::Settled,
+        },
+        ..start.clone()
     }
 }
 

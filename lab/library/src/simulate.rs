@@ -52,7 +52,7 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
         return Err(Error::new(
             place,
             format!(
-                "reaches {reached} V; the free surfaces of the loops hold from {low} to {high} V and do not continue"
+                "reaches {reached} V; the model holds from {low} to {high} V, where the free surfaces of its loops end"
             ),
         ));
     }

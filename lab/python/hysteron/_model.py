@@ -72,10 +72,11 @@ class Model:
 
     def simulate(
         self, drive_v: ArrayLike, sample_rate_hz: float, *, force_n: ArrayLike | None = None,
-        auxiliary: Mapping[str, ArrayLike] | None = None, initial_state: Literal["virgin", "settled"] = "virgin",
+        auxiliary: Mapping[str, ArrayLike] | None = None, initial_state: Literal["virgin", "settled"] | None = None,
     ) -> NDArray[np.float64]:
-        """What the sensor would read under a drive, um: from rest at the lower limit ("virgin") or at the first drive ("settled").
+        """What the sensor would read under a drive, um: as the records of the model begin, or from rest at the lower limit ("virgin") or at the first drive ("settled").
 
+        The drive acts and runs between samples as that of the records did. Rounding by the sensor is left out.
         ``auxiliary`` holds the signals that own effects of the model take part of.
         """
         force = None if force_n is None else to_bytes(force_n, "force_n")

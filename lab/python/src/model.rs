@@ -6,7 +6,8 @@ use crate::{bytes, numbers, raised, wrong};
 use hysteron::export::{Language, export};
 use hysteron::identification::fit;
 use hysteron::model_file;
-use hysteron_sim::chain::{Drive, EffectInstance};
+use hysteron::origin::{Initial, Way};
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::PyBytes;
@@ -72,10 +73,13 @@ impl Model {
         force_n: Option<PyBackedBytes>,
         auxiliary: BTreeMap<String, PyBackedBytes>,
         sample_rate_hz: f64,
-        state: &str,
+        state: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         // At an unknown state nothing can begin: the first two of the words.
-        let initial_state = initial_state("simulate", state, 2)?;
+        let initial = match state {
+            Some(state) => Initial::State(initial_state("simulate", state, 2)?),
+            None => Initial::AsRecorded,
+        };
         if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
             return Err(wrong(
                 "simulate",
@@ -100,12 +104,13 @@ impl Model {
         let drive = Drive {
             force_n: force_n.as_deref(),
             auxiliary: &beside,
-            ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state)
+            ..Drive::held(&drive_v, 1.0 / sample_rate_hz, InitialState::Virgin)
         };
-        let read = at_work(py, None, |_| {
-            hysteron::simulate::simulate(&self.model, &drive, "drive_v")
+        let way = Way::told(&self.model, None, None);
+        let (predicted, _) = at_work(py, None, |_| {
+            initial.predict(&self.model, "drive_v", &drive, way, "drive_v")
         })?;
-        Ok(bytes(py, &read))
+        Ok(bytes(py, &predicted.reading_um))
     }
 
     /// Measured less modelled inside the window of a record.

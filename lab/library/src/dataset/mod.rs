@@ -42,7 +42,7 @@ pub mod time_axis;
 pub mod timing;
 pub mod units;
 
-pub use record::{Periods, Record, Role};
+pub use record::{Periods, PlayedDrive, Record, Role};
 
 use crate::error::{Error, Result, nearest};
 use crate::quality::{self, Issue};

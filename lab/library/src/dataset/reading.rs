@@ -10,7 +10,7 @@ use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
 use super::units::SignalUnits;
-use super::{Dataset, Periods, Record, Role, SAMPLES_MIN};
+use super::{Dataset, Periods, PlayedDrive, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::quality::Issue;
 use crate::statistics::extremes;
@@ -429,20 +429,6 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     .checked()
 }
 
-/// The drive of a file that is to be played.
-pub struct PlayedDrive {
-    /// Time of the first sample, s.
-    pub start_s: f64,
-    /// Sampling rate, Hz.
-    pub sample_rate_hz: f64,
-    /// Drive, V.
-    pub drive_v: Vec<f64>,
-    /// Readings beside it, um, where the file is a recording.
-    pub reading_um: Option<Vec<f64>>,
-    /// What was assumed and mended.
-    pub notes: Vec<String>,
-}
-
 /// The drive of one file: of a recording the one that [`from_file_as`] takes, else its columns t and u.
 ///
 /// # Errors
@@ -457,6 +443,7 @@ pub fn drive_of_file(
     let (wanted, rate) = (&instructions.wanted, instructions.sample_rate_hz);
     if let Ok(even) = even_signals(&table, wanted, rate, instructions.rate_otherwise_hz, None) {
         return Ok(PlayedDrive {
+            file: place.to_owned(),
             start_s: even.start_s,
             sample_rate_hz: even.sample_rate_hz,
             drive_v: even.u_v,
@@ -474,6 +461,7 @@ pub fn drive_of_file(
     };
     let axis = TimeAxis::from_stamps(&t_s, &known)?;
     Ok(PlayedDrive {
+        file: place.to_owned(),
         start_s: axis.start_s,
         sample_rate_hz: axis.sample_rate_hz,
         drive_v,

@@ -302,15 +302,6 @@ function [y, rest_out] = h_bend(x, rest, quadratic, cubic)
   y = x .* (1 + x .* (quadratic + x * cubic));
   rest_out = rest * (1 + rest * (quadratic + rest * cubic));
 end
-% block round
-function [y, rest_out] = h_round(x, rest, step)
-  y = x;
-  rest_out = rest;
-  if step > 0
-    y = round(x / step) * step;
-    rest_out = round(rest / step) * step;
-  end
-end
 % block force
 function [y, rest_out] = h_force(x, rest, force, substeps, compliance)
   f = reshape(repmat(force(:)', substeps, 1), [], 1);

@@ -203,12 +203,6 @@ def _bend(x, rest, quadratic, cubic):
         return v * (1.0 + v * (quadratic + v * cubic))
 
     return bent(x), bent(rest)
-# block round
-def _round(x, rest, step):
-    def rounded(v):
-        return np.sign(v) * np.floor(np.abs(v) / step + 0.5) * step if step > 0 else v
-
-    return rounded(x), float(rounded(rest))
 # block force
 def _force(x, rest, force, substeps, compliance):
     return x + compliance * np.repeat(force, substeps)[: len(x)], rest + compliance * force[0]

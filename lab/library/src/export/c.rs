@@ -1,8 +1,8 @@
 //! A model as C99 with fixed memory: one structure with all states, one function for each sample.
 
-use super::{head, needed, number, pairs};
-use hysteron_sim::block::{Block, BlockChain, Linear, PAIRS, Placed};
-use hysteron_sim::chain::Model;
+use super::{Exported, head, needed, number, pairs};
+use hysteron_sim::block::{Block, Linear, PAIRS, Placed};
+use hysteron_sim::intersample::Intersample;
 use std::fmt::Write;
 
 const BLOCKS: &str = include_str!("blocks.c");
@@ -20,7 +20,24 @@ struct Written {
     step: String,
 }
 
-pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
+/// What a start adds at sample `n`.
+const START: &str = "
+static double h_start(double n, int with_motions)
+{
+    double y = H_OFFSET_UM, t = n / H_RATE;
+    for (int i = 0; with_motions && i < H_MOTIONS; i++) {
+        const double *m = h_motions[i];
+        y += exp(-m[0] * t) * (m[2] * cos(m[1] * t) + m[3] * sin(m[1] * t));
+    }
+    return y;
+}
+";
+
+pub(super) fn text(exported: &Exported) -> String {
+    let Exported {
+        chain, name, start, ..
+    } = *exported;
+    let (runs_on, adds) = (chain.intersample != Intersample::Hold, exported.adds());
     let blocks: Vec<Written> = chain
         .blocks
         .iter()
@@ -41,7 +58,7 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
         .unwrap_or(0);
     let mut out = String::from("/*\n");
     // Writing to a text cannot fail.
-    for line in head(chain, model) {
+    for line in head(exported) {
         let _ = writeln!(out, " * {}", line.replace("*/", "* /"));
     }
     let force = if chain.takes_force() {
@@ -51,8 +68,13 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     };
     let _ = write!(
         out,
-        " *\n * {name}_init puts the model at rest at a drive ({name}_DRIVE_MIN_V is the virgin state) and gives the reading at the first sample;\n \
-         * {name}_step takes the drive of a sample and gives the reading at the next one. No memory is allocated.\n */\n#include <math.h>\n\n"
+        " *\n * {name}_begin begins as the records of the model, by the first drive, and gives the reading at the first sample; {name}_init puts it at rest at a drive\n \
+         * ({name}_DRIVE_MIN_V is the virgin state). {name}_step takes the drive {} and gives the reading at the next sample. No memory is allocated.\n */\n#include <math.h>\n\n",
+        if runs_on {
+            "at the next sample"
+        } else {
+            "that acts from a sample on"
+        }
     );
     let _ = writeln!(
         out,
@@ -66,12 +88,30 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
         "#define H_PAIRS {PAIRS}\n#define H_STATES_MAX {}",
         states.max(1)
     );
+    if adds {
+        let motions = exported.motions();
+        let _ = writeln!(
+            out,
+            "#define H_OFFSET_UM {}\n#define H_RATE {}\n#define H_MOTIONS {}",
+            number(start.offset_um),
+            number(1.0 / chain.dt_s),
+            motions.len()
+        );
+        out.push_str(&table("h_motions", 4, &motions));
+        out.push_str(START);
+    }
     out.push_str(&needed(BLOCKS, chain, "/*"));
     out.push('\n');
     blocks
         .iter()
         .for_each(|block| out.push_str(&block.constants));
-    let fields: String = blocks.iter().map(|block| block.fields.as_str()).collect();
+    let mut fields: String = blocks.iter().map(|block| block.fields.as_str()).collect();
+    if runs_on {
+        fields += "    double drive;\n";
+    }
+    if adds {
+        fields += "    double sample;\n    int begins;\n";
+    }
     let _ = write!(
         out,
         "\ntypedef struct {{\n{}}} {name}_state;\n",
@@ -83,14 +123,49 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     );
     let _ = write!(
         out,
-        "\ndouble {name}_init({name}_state *m, double drive_v{force})\n{{\n    double x = drive_v;\n    (void)m;\n"
+        "\ndouble {name}_init({name}_state *m, double drive_v{force})\n{{\n    double x = drive_v;\n    (void)m;\n{}{}",
+        if runs_on {
+            "    m->drive = drive_v;\n"
+        } else {
+            ""
+        },
+        if adds {
+            "    m->sample = 0.0;\n    m->begins = 0;\n"
+        } else {
+            ""
+        }
     );
     for (block, placed) in blocks.iter().zip(&chain.blocks) {
         let _ = writeln!(out, "    {} /* {} */", block.rest, placed.effect);
     }
     let _ = write!(
         out,
-        "    return x;\n}}\n\ndouble {name}_step({name}_state *m, double drive_v{force})\n{{\n"
+        "    return x;\n}}\n\ndouble {name}_begin({name}_state *m, double drive_v{force})\n{{\n    double x = {name}_init(m, {}{});\n{}",
+        if exported.begins_settled() {
+            "drive_v".into()
+        } else {
+            format!("{name}_DRIVE_MIN_V")
+        },
+        if force.is_empty() { "" } else { ", force_n" },
+        if runs_on {
+            "    m->drive = drive_v;\n"
+        } else {
+            ""
+        },
+    );
+    let _ = if adds {
+        writeln!(
+            out,
+            "    m->begins = fabs(drive_v - {}) <= {} ? 2 : 1;\n    return x + h_start(0.0, m->begins == 2);\n}}\n",
+            number(start.drive_v),
+            number(exported.near_v)
+        )
+    } else {
+        writeln!(out, "    (void)drive_v;\n    return x;\n}}\n")
+    };
+    let _ = writeln!(
+        out,
+        "double {name}_step({name}_state *m, double drive_v{force})\n{{"
     );
     let n = chain.substeps;
     let _ = writeln!(out, "    double x = drive_v;\n    (void)m;");
@@ -101,7 +176,12 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     for (block, placed) in blocks.iter().zip(&chain.blocks) {
         if placed.fine != fine {
             fine = placed.fine;
-            let _ = if fine {
+            let _ = if fine && runs_on {
+                writeln!(
+                    out,
+                    "    for (int k = 0; k < {n}; k++) v[k] = m->drive + (x - m->drive) * (k + 1.0) / {n};\n    m->drive = x;"
+                )
+            } else if fine {
                 writeln!(out, "    for (int k = 0; k < {n}; k++) v[k] = x;")
             } else {
                 writeln!(out, "    x = v[{}];", n - 1)
@@ -119,6 +199,11 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     }
     if fine {
         let _ = writeln!(out, "    x = v[{}];", n - 1);
+    }
+    if adds {
+        out.push_str(
+            "    m->sample += 1.0;\n    if (m->begins) x += h_start(m->sample, m->begins == 2);\n",
+        );
     }
     out.push_str("    return x;\n}\n");
     out
@@ -177,10 +262,6 @@ fn written(i: usize, placed: &Placed) -> Written {
             number(*quadratic),
             number(*cubic)
         )),
-        Block::Round { step } if *step > 0.0 => {
-            plain(format!("round(x / {0}) * {0}", number(*step)))
-        }
-        Block::Round { .. } => plain("x".into()),
         Block::Force { compliance } => plain(format!("x + {} * force_n", number(*compliance))),
         Block::Gap { half } => Written {
             fields: format!("    double {b};\n"),

@@ -1,30 +1,58 @@
 //! A model as a function file for MATLAB and Octave.
 
-use super::{Argument, Carry, arguments, carried, head, needed, number};
-use hysteron_sim::block::BlockChain;
-use hysteron_sim::chain::Model;
+use super::{Argument, Carry, Exported, arguments, carried, head, needed, number};
+use hysteron_sim::intersample::Intersample;
 use std::fmt::Write;
 
 const BLOCKS: &str = include_str!("blocks.m");
 
-pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
+/// Where the drive stands at the end of each sub-interval; a row of weights for each of them.
+const BETWEEN: &str = "
+function x = h_between(x, weights)
+  reach = max(size(weights, 2) / 2, 1);
+  n = numel(x);
+  padded = [x(1) * ones(reach - 1, 1); x; x(n) * ones(reach + 1, 1)];
+  parts = zeros(n, size(weights, 1) + 1);
+  for i = 1:size(weights, 1)
+    along = conv(padded, flipud(weights(i, :)'), 'valid');
+    parts(:, i) = along(1:n);
+  end
+  parts(:, end) = padded(reach + 1:reach + n);
+  x = reshape(parts', [], 1);
+end
+";
+
+pub(super) fn text(exported: &Exported) -> String {
+    let Exported {
+        chain, name, start, ..
+    } = *exported;
     let force = if chain.takes_force() { ", force_n" } else { "" };
     let mut out = format!("function y_um = {name}(drive_v{force}, settled)\n");
     // Writing to a text cannot fail.
     let _ = writeln!(
         out,
-        "  % {name}  Reading (um) at every sample of a drive (V).\n  %   y_um = {name}(drive_v{force}) simulates a virgin actuator, at rest at {} V before the first sample.\n  %   y_um = {name}(drive_v{force}, true) begins at rest at the first drive.\n  %",
+        "  % {name}  Reading (um) at every sample of a drive (V).\n  %   y_um = {name}(drive_v{force}) begins as the records of the model.\n  %   y_um = {name}(drive_v{force}, false) simulates a virgin actuator, at rest at {} V before the first sample.\n  %   y_um = {name}(drive_v{force}, true) begins at rest at the first drive.\n  %",
         chain.drive_min_v
     );
-    for line in head(chain, model) {
+    for line in head(exported) {
         let _ = writeln!(out, "  % {line}");
     }
     let _ = write!(
         out,
-        "  if nargin < {}\n    settled = false;\n  end\n  x = drive_v(:);\n  samples = numel(x);\n  rest = {};\n  if settled\n    rest = x(1);\n  end\n",
+        "  recorded = nargin < {};\n  if recorded\n    settled = {};\n  end\n  x = drive_v(:);\n{}  samples = numel(x);\n  first = x(1);\n  rest = {};\n  if settled\n    rest = first;\n  end\n",
         if chain.takes_force() { 3 } else { 2 },
+        exported.begins_settled(),
+        if exported.shifted {
+            "  x = [x(2:end); x(end)];\n"
+        } else {
+            ""
+        },
         number(chain.drive_min_v)
     );
+    if chain.intersample != Intersample::Hold {
+        let between = Argument::Rows(chain.intersample.between(chain.substeps));
+        let _ = writeln!(out, "  x = h_between(x, {});", argument(&between));
+    }
     for step in carried(chain) {
         let _ = match step {
             Carry::Refine => writeln!(
@@ -48,8 +76,24 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
             }
         };
     }
-    out.push_str("  y_um = [rest; x];\n  y_um = reshape(y_um(1:samples), size(drive_v));\nend\n");
+    out.push_str("  y_um = [rest; x];\n  y_um = y_um(1:samples);\n");
+    if exported.adds() {
+        let _ = write!(
+            out,
+            "  if recorded\n    t = (0:samples - 1)' / {};\n    y_um = y_um + {};\n    motions = {};\n    for i = 1:size(motions, 1) * (abs(first - {}) <= {})\n      angle = motions(i, 2) * t;\n      \
+             y_um = y_um + exp(-motions(i, 1) * t) .* (motions(i, 3) * cos(angle) + motions(i, 4) * sin(angle));\n    end\n  end\n",
+            number(1.0 / chain.dt_s),
+            number(start.offset_um),
+            argument(&Argument::Rows(exported.motions())),
+            number(start.drive_v),
+            number(exported.near_v)
+        );
+    }
+    out.push_str("  y_um = reshape(y_um, size(drive_v));\nend\n");
     out.push_str(&needed(BLOCKS, chain, "%"));
+    if chain.intersample != Intersample::Hold {
+        out.push_str(BETWEEN);
+    }
     out
 }
 

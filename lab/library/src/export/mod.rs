@@ -11,9 +11,14 @@ mod matlab;
 mod python;
 mod state_space;
 
+use crate::dataset::timing::Timing;
 use crate::error::{Error, Result};
+use crate::origin::{Initial, Way};
 use hysteron_sim::block::{Block, BlockChain};
-use hysteron_sim::chain::Model;
+use hysteron_sim::chain::{InitialState, Model};
+use hysteron_sim::effect::FreeMotion;
+use hysteron_sim::intersample::Intersample;
+use hysteron_sim::origin::RecordStart;
 use std::collections::BTreeSet;
 
 /// What a model is exported as.
@@ -85,6 +90,27 @@ pub fn export(
     sample_rate_hz: f64,
     name: &str,
 ) -> Result<String> {
+    let way = Way::told(model, None, None);
+    export_from(
+        model,
+        language,
+        sample_rate_hz,
+        name,
+        (&Initial::AsRecorded, way),
+    )
+}
+
+/// The same with where it begins and when its drive acts.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_from(
+    model: &Model,
+    language: Language,
+    sample_rate_hz: f64,
+    name: &str,
+    (initial, way): (&Initial, Way),
+) -> Result<String> {
     if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
         return Err(Error::new(
             "--rate-hz",
@@ -95,13 +121,60 @@ pub fn export(
     if language == Language::StateSpace {
         return state_space::text(model, sample_rate_hz);
     }
-    let chain =
-        BlockChain::of(model, 1.0 / sample_rate_hz).map_err(|effect| cannot(model, &effect))?;
+    let intersample = match (language, way.intersample) {
+        // Sample by sample the future is not known.
+        (Language::C, Intersample::BandLimited) => Intersample::Linear,
+        (_, intersample) => intersample,
+    };
+    let chain = BlockChain::of(model, 1.0 / sample_rate_hz, intersample)
+        .map_err(|effect| cannot(model, &effect))?;
+    let (start, near_v) = initial.to_carry(model);
+    let exported = Exported {
+        chain: &chain,
+        model,
+        name: &name,
+        shifted: way.timing == Timing::HoldBeforeSample && intersample == Intersample::Hold,
+        start: &start,
+        near_v,
+    };
     Ok(match language {
-        Language::Matlab => matlab::text(&chain, model, &name),
-        Language::Python => python::text(&chain, model, &name),
-        Language::C | Language::StateSpace => c::text(&chain, model, &name),
+        Language::Matlab => matlab::text(&exported),
+        Language::Python => python::text(&exported),
+        Language::C | Language::StateSpace => c::text(&exported),
     })
+}
+
+/// What is written in a language.
+struct Exported<'e> {
+    chain: &'e BlockChain,
+    model: &'e Model,
+    /// What the function is called.
+    name: &'e str,
+    /// The drive of a row acts up to its sample.
+    shifted: bool,
+    /// How it begins where its caller says nothing.
+    start: &'e RecordStart,
+    /// The motions of the start are there for drives that begin as near to it, V.
+    near_v: f64,
+}
+
+impl Exported<'_> {
+    /// The start has more than a state.
+    fn adds(&self) -> bool {
+        self.start.offset_um != 0.0 || !self.start.motions.is_empty()
+    }
+
+    /// Motions as decay, 1/s, angular frequency, rad/s, cosine and sine, um.
+    fn motions(&self) -> Vec<Vec<f64>> {
+        let row = |(motion, [cosine, sine]): &(FreeMotion, [f64; 2])| {
+            vec![motion.decay_per_s, motion.frequency_rad_s, *cosine, *sine]
+        };
+        self.start.motions.iter().map(row).collect()
+    }
+
+    fn begins_settled(&self) -> bool {
+        self.start.state != InitialState::Virgin
+    }
 }
 
 /// Why an effect is not exported.
@@ -175,6 +248,28 @@ fn number(value: f64) -> String {
     }
 }
 
+/// A value to the second digit of its standard deviation, which stands behind it; in full without one.
+pub(crate) fn rounded(value: f64, std: Option<f64>) -> String {
+    let Some(std) = std.filter(|std| *std > 0.0 && std.is_finite()) else {
+        return value.to_string();
+    };
+    let digits = 1 - std.log10().floor() as i32;
+    let places = usize::try_from(digits.clamp(0, 15)).unwrap_or(0);
+    let unit = 10f64.powi(-digits.min(0));
+    let shown = |v: f64| format!("{:.places$}", (v / unit).round() * unit);
+    let plain = if digits < 0 {
+        shown(value)
+    } else {
+        format!("{value:.places$}")
+    };
+    let deviation = if digits < 0 {
+        shown(std)
+    } else {
+        format!("{std:.places$}")
+    };
+    format!("{plain} +- {deviation}")
+}
+
 /// The effects with their parameters, a line each, for a comment.
 fn described(model: &Model) -> Vec<String> {
     let mut out = Vec::new();
@@ -182,20 +277,26 @@ fn described(model: &Model) -> Vec<String> {
         let declaration = instance.effect.declaration();
         out.push(format!("{}: {}", instance.id, declaration.physics));
         for p in &instance.parameters {
-            let std = p
-                .std
-                .map_or_else(String::new, |std| format!(" +- {std:.3e}"));
+            let value = rounded(p.value, p.std);
             out.push(format!(
-                "    {} = {}{std} {}",
-                p.parameter.name, p.value, p.parameter.unit
+                "    {} = {value} {}",
+                p.parameter.name, p.parameter.unit
             ));
         }
+        let equations = instance.effect.equations().replace('`', "");
+        out.extend(equations.lines().map(|line| format!("    {line}")));
     }
     out
 }
 
 /// What every export says of itself at its head.
-fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
+fn head(exported: &Exported) -> Vec<String> {
+    let Exported {
+        chain,
+        model,
+        start,
+        ..
+    } = *exported;
     let force = if chain.takes_force() {
         ", force in N"
     } else {
@@ -212,10 +313,48 @@ fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
             chain.drive_max_v,
             1.0 / chain.dt_s
         ),
-        "The drive is held from each sample to the next; the reading is taken at the sample."
-            .into(),
-        String::new(),
+        match (chain.intersample, exported.shifted) {
+            (Intersample::Hold, false) => {
+                "The drive of a row acts from its sample to the next one.".into()
+            }
+            (Intersample::Hold, true) => {
+                "The drive of a row acts up to its sample, from the one before.".into()
+            }
+            (other, _) => format!("The drive is {} between samples.", other.name()),
+        },
+        format!(
+            "Begins {} where nothing else is asked for. Rounding by the sensor is left out.",
+            if exported.begins_settled() {
+                "settled at the first drive"
+            } else {
+                "virgin"
+            }
+        ),
     ];
+    if let Some(known) = model.identified.as_deref() {
+        let recorded = &known.recorded;
+        let on = if recorded.fitted_on.is_empty() {
+            String::new()
+        } else {
+            format!(" on {}", recorded.fitted_on)
+        };
+        out.push(format!(
+            "Fitted to {}{on}; error {} um RMS on what judged it.",
+            recorded.data_set,
+            rounded(known.error_um, Some(0.1 * known.error_um))
+        ));
+        out.push(format!(
+            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
+            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
+        ));
+    }
+    if start.offset_um != 0.0 {
+        out.push(format!(
+            "The sensor's constant of {} is {:.6} um.",
+            start.file, start.offset_um
+        ));
+    }
+    out.push(String::new());
     out.extend(described(model));
     out
 }
@@ -328,7 +467,6 @@ fn arguments(block: &Block, substeps: usize) -> Vec<Argument> {
         Block::Drift { rate, slowing } => vec![Number(*rate), Number(*slowing)],
         Block::Lines(lines) => vec![Rows(lines.iter().map(|line| line.to_vec()).collect())],
         Block::Bend { quadratic, cubic } => vec![Number(*quadratic), Number(*cubic)],
-        Block::Round { step } => vec![Number(*step)],
         Block::Force { compliance } => vec![Force, Count(substeps), Number(*compliance)],
     }
 }

@@ -8,7 +8,7 @@ use super::linearisation::{Rows, free_parameters, linearise, normal_equations};
 use crate::dataset::Dataset;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Scale;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use std::sync::Arc;
 
 /// A direction of the parameters that the data do not show.
@@ -64,14 +64,10 @@ pub fn estimate_uncertainty(
             instance.parameters[index.parameter].parameter.name.clone(),
         )
     });
-    // Whichever is larger in each value: white noise, or what the blocks show.
+    // White noise and what the blocks show, added: scaling each value by itself would tear apart directions in
+    // which large changes cancel.
     let white = &inverse * variance;
-    let larger = DVector::from_fn(p, |i, _| {
-        (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE))
-            .sqrt()
-            .max(1.0)
-    });
-    let covariance = DMatrix::from_fn(p, p, |i, j| larger[i] * white[(i, j)] * larger[j]);
+    let covariance = &white + &sandwich;
     let values = values.collect();
     let known = Arc::make_mut(model.identified.get_or_insert_default());
     (known.values, known.factor) = (values, factor_of(&covariance));
