@@ -7,6 +7,7 @@ pub mod light_mode_study;
 pub mod measured;
 pub mod other_actuators;
 pub mod running_amplifier;
+pub mod saved_model;
 pub mod servo_study;
 
 use std::io::Write;

@@ -6,7 +6,7 @@ use crate::screen;
 use crate::write_whole::write_whole;
 use hysteron::dataset::folder;
 use hysteron::dataset::reading::Instructions;
-use hysteron::origin::read_as_recorded;
+use hysteron::origin::{dated, read_as_recorded};
 use hysteron::{Dataset, Error, Result, model_file};
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
@@ -260,10 +260,7 @@ impl Desk {
     /// Writes a model, if a file is wanted.
     pub fn write_model(&self, path: Option<&Path>, model: &Model, data_set: &str) -> Result<()> {
         path.map_or(Ok(()), |path| {
-            let mut model = model.clone();
-            if let Some(known) = &mut model.identified {
-                Arc::make_mut(known).recorded.fitted_on = today();
-            }
+            let model = dated(model, today());
             self.write(path, model_file::to_toml(&model, data_set)?.as_bytes())
         })
     }

@@ -2,9 +2,10 @@
 
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
-use crate::simulate::{initial, recorded_rate_hz, way};
+use crate::simulate::{initial, way};
 use hysteron::Result;
 use hysteron::export::{Language, export_from};
+use hysteron::origin::sample_rate_hz;
 use hysteron_sim::intersample::Intersample;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +34,7 @@ pub fn export(
     let begins = initial(&desk, &read, wanted.initial, reading)?;
     let (way, rate_hz) = (
         way(&read, reading)?,
-        wanted.rate_hz.unwrap_or_else(|| recorded_rate_hz(&read)),
+        wanted.rate_hz.unwrap_or_else(|| sample_rate_hz(&read)),
     );
     let out: PathBuf = out.map_or_else(
         || model.with_extension(language.extension()),

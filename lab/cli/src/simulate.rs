@@ -6,7 +6,7 @@ use crate::tables::say_notes;
 use hysteron::dataset::PlayedDrive;
 use hysteron::dataset::reading::drive_of_file;
 use hysteron::diagnosis::words::nm;
-use hysteron::origin::{Initial, Way};
+use hysteron::origin::{Initial, Way, sample_rate_hz};
 use hysteron::{Drive, Error, InitialState, Model, Result};
 use std::path::Path;
 
@@ -22,9 +22,6 @@ pub struct SimulateRequest<'a> {
     pub rate_hz: Option<f64>,
 }
 
-/// Sampling rate of a waveform for a model that does not know that of its records, Hz.
-pub const USUAL_RATE_HZ: f64 = 20_000.0;
-
 /// Simulates a model.
 pub fn simulate(
     wanted: &SimulateRequest,
@@ -38,14 +35,14 @@ pub fn simulate(
     let played = if Path::new(drive).is_file() {
         played(&desk, &model, Path::new(drive), "a drive", reading)?
     } else {
-        let sample_rate_hz = wanted.rate_hz.unwrap_or_else(|| recorded_rate_hz(&model));
-        if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
+        let rate_hz = wanted.rate_hz.unwrap_or_else(|| sample_rate_hz(&model));
+        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(Error::new("--rate-hz", "expected a positive number"));
         }
         PlayedDrive {
             file: drive.to_owned(),
-            sample_rate_hz,
-            drive_v: waveform(drive, sample_rate_hz, model.drive_min_v)?,
+            sample_rate_hz: rate_hz,
+            drive_v: waveform(drive, rate_hz, model.drive_min_v)?,
             ..PlayedDrive::default()
         }
     };
@@ -92,15 +89,6 @@ pub fn simulate(
     }
     say_notes(played.notes.iter().chain(&predicted.remarks));
     Ok(true)
-}
-
-/// The sampling rate of the records of a model, or the usual one.
-pub fn recorded_rate_hz(model: &Model) -> f64 {
-    let recorded = model
-        .identified
-        .as_deref()
-        .map(|known| known.recorded.sample_rate_hz);
-    recorded.filter(|rate| *rate > 0.0).unwrap_or(USUAL_RATE_HZ)
 }
 
 fn played(

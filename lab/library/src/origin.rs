@@ -21,6 +21,8 @@ use std::sync::Arc;
 const START_SAMPLES: usize = 200_000;
 /// Share of the samples that judged which a band holds.
 const IN_BAND: f64 = 0.95;
+/// A servo runs at this rate, Hz.
+const USUAL_RATE_HZ: f64 = 20_000.0;
 /// A drive begins as a record does where it is nearer to that than this share of the range of drives.
 const AS_RECORDED: f64 = 1e-3;
 
@@ -107,9 +109,29 @@ pub fn start_of(model: &Model, whole: &Record) -> RecordStart {
     }
 }
 
+/// The model with the date of its fit, where none is noted.
+#[must_use]
+pub fn dated(model: &Model, today: String) -> Model {
+    let mut out = model.clone();
+    if let Some(known) = &mut out.identified {
+        let recorded = &mut Arc::make_mut(known).recorded;
+        if recorded.fitted_on.is_empty() {
+            recorded.fitted_on = today;
+        }
+    }
+    out
+}
+
 /// How the records of a model were read; none for a model that was written by hand.
 fn recorded(model: &Model) -> Option<&Recorded> {
     model.identified.as_deref().map(|known| &known.recorded)
+}
+
+/// Sampling rate of the records of a model, or the usual one of servos where it does not know that, Hz.
+#[must_use]
+pub fn sample_rate_hz(model: &Model) -> f64 {
+    let known = recorded(model).map(|recorded| recorded.sample_rate_hz);
+    known.filter(|rate| *rate > 0.0).unwrap_or(USUAL_RATE_HZ)
 }
 
 /// When the drives of files act and what they do between samples.

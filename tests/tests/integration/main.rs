@@ -10,6 +10,7 @@ mod noise_floors;
 mod other_actuators;
 mod real_recordings;
 mod report_page;
+mod saved_model;
 mod score;
 mod servo_from_data;
 mod servo_loop;

@@ -12,6 +12,7 @@ mod python;
 mod state_space;
 
 use crate::dataset::timing::Timing;
+use crate::engineering::{four, with_deviation};
 use crate::error::{Error, Result};
 use crate::origin::{Initial, Way};
 use hysteron_sim::block::{Block, BlockChain};
@@ -248,28 +249,6 @@ fn number(value: f64) -> String {
     }
 }
 
-/// A value to the second digit of its standard deviation, which stands behind it; in full without one.
-pub(crate) fn rounded(value: f64, std: Option<f64>) -> String {
-    let Some(std) = std.filter(|std| *std > 0.0 && std.is_finite()) else {
-        return value.to_string();
-    };
-    let digits = 1 - std.log10().floor() as i32;
-    let places = usize::try_from(digits.clamp(0, 15)).unwrap_or(0);
-    let unit = 10f64.powi(-digits.min(0));
-    let shown = |v: f64| format!("{:.places$}", (v / unit).round() * unit);
-    let plain = if digits < 0 {
-        shown(value)
-    } else {
-        format!("{value:.places$}")
-    };
-    let deviation = if digits < 0 {
-        shown(std)
-    } else {
-        format!("{std:.places$}")
-    };
-    format!("{plain} +- {deviation}")
-}
-
 /// The effects with their parameters, a line each, for a comment.
 fn described(model: &Model) -> Vec<String> {
     let mut out = Vec::new();
@@ -277,7 +256,10 @@ fn described(model: &Model) -> Vec<String> {
         let declaration = instance.effect.declaration();
         out.push(format!("{}: {}", instance.id, declaration.physics));
         for p in &instance.parameters {
-            let value = rounded(p.value, p.std);
+            let value = match p.std.filter(|std| *std > 0.0) {
+                Some(std) => with_deviation(p.value, std),
+                None => p.value.to_string(),
+            };
             out.push(format!(
                 "    {} = {value} {}",
                 p.parameter.name, p.parameter.unit
@@ -341,7 +323,7 @@ fn head(exported: &Exported) -> Vec<String> {
         out.push(format!(
             "Fitted to {}{on}; error {} um RMS on what judged it.",
             recorded.data_set,
-            rounded(known.error_um, Some(0.1 * known.error_um))
+            four(known.error_um)
         ));
         out.push(format!(
             "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
