@@ -11,9 +11,9 @@ use flate2::write::GzEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::steps::{cargo, root};
 use crate::toolchain::{self, WEB_ASSEMBLY};
-use crate::{browser, steps};
+use crate::workspace::{AS_TESTED, cargo, root};
+use crate::{browser, skipped_tests};
 
 /// A page that takes longer to open than to leave is not opened: what it may have.
 const MOST_BYTES: usize = 4_000_000;
@@ -110,9 +110,9 @@ pub fn test() -> Result<(), String> {
         "1",
     ];
     cargo(
-        &[&["test"], &steps::AS_TESTED[..], &only].concat(),
+        &[&["test"], AS_TESTED, &only].concat(),
         &root(),
-        &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())],
+        &[("HYSTERON_SKIPPED", &skipped_tests::file().to_string_lossy())],
     )
 }
 

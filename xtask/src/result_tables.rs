@@ -8,7 +8,7 @@
 //! * `chapters`: printed results of the thesis by chapter, met and missed.
 
 use crate::finder_sets::results::{ResultRow, Results};
-use crate::steps::root;
+use crate::workspace::root;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

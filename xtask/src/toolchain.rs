@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::debian;
-use crate::steps::{command, root};
+use crate::workspace::{command, root};
 
 /// A target, and how the distribution's compiler builds for it.
 pub struct Target {

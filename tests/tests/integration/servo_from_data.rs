@@ -101,12 +101,17 @@ fn what_the_target_plays_makes_no_unstable_servo() {
     assert!(worst_um < 0.004, "{worst_um}");
 }
 
-#[test]
-#[ignore = "72 identifications: half an hour"]
-fn no_stage_and_no_recording_makes_an_unstable_servo() {
-    for seed in 0..24 {
-        for recording in StudyRecording::ALL {
-            stable_or_refused(seed, recording);
+/// Run by `cargo xtask full`.
+mod long {
+    use super::{StudyRecording, stable_or_refused};
+
+    #[test]
+    #[ignore = "72 identifications: half an hour"]
+    fn no_stage_and_no_recording_makes_an_unstable_servo() {
+        for seed in 0..24 {
+            for recording in StudyRecording::ALL {
+                stable_or_refused(seed, recording);
+            }
         }
     }
 }

@@ -7,7 +7,7 @@
 //! there already. Whether a servo gets from its beginning to rest or into that swinging depends on how hard
 //! its own noise and the way up push it beyond the limit, and on the hysteresis that it turns back in;
 //! neither knows of these, so it is run. With the linear part of the model alone, in f64, gains came out as
-//! well, but masses up to 18 % too early (`cargo run --release -p hysteron-tests --example first_unstable`).
+//! well, but masses up to 18 % too early (`cargo run --release -p hysteron-research --example first_unstable`).
 
 use super::design::ServoDesign;
 use super::plant_set::PlantVariation;

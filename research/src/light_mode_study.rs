@@ -1,11 +1,11 @@
 //! Loops on a stage whose first mode is lightly damped: how far up a reference is followed, how much noise
 //! becomes motion, and how far the mode may move, on
-//! [`IndependentStage`](crate::independent_stage::IndependentStage).
+//! [`IndependentStage`](hysteron_tests::independent_stage::IndependentStage).
 
-use crate::independent_stage::{StageChange, StageTruth, TrueMode};
-use crate::servo_study::{LIMIT_CYCLE, RATE_HZ, rest_um, run};
 use hysteron::servo::design::ServoDesign;
 use hysteron_sim::waveform;
+use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
+use hysteron_tests::servo_study::{LIMIT_CYCLE, RATE_HZ, rest_um, run};
 use std::f64::consts::TAU;
 
 /// Frequency of the first mode, Hz: that of a measured stage.

@@ -1,5 +1,5 @@
 //! How much faster than real time the closed loop of bench and integer servo runs on one core:
-//! `cargo run --release -p hysteron-tests --example closed_loop_speed`.
+//! `cargo run --release -p hysteron-research --example closed_loop_speed`.
 
 use hysteron::servo::design::{ServoDesign, thesis_scheme};
 use hysteron_sim::bench::{Bench, Variant};

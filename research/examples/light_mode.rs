@@ -8,10 +8,10 @@
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::light_mode_study::{
+use hysteron_research::light_mode_study::{
     MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode,
 };
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{StudyRecording, at_work, kept_model, record};
 
 /// One line of the table.

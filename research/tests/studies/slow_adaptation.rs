@@ -12,10 +12,10 @@ use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;
+use hysteron_research::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_research::learning_study::{self, learned};
 use hysteron_sim::chain::Model;
-use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::learning_study::{self, learned};
 use hysteron_tests::servo_study::{StudyRecording, record};
 
 fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {

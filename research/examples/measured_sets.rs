@@ -8,7 +8,7 @@
 //! many seconds.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] \
+//! cargo run --release -p hysteron-research --example measured_sets -- [--subsets] [--reversed] [--trace] \
 //!     [--within SECONDS] [--identify EFFECTS] [--data FOLDER] [SET ...]
 //! ```
 //!
@@ -57,7 +57,7 @@ struct Set {
 }
 
 fn sets() -> File {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/recorded_sets.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/manifests/recorded_sets.toml");
     toml::from_str(&std::fs::read_to_string(path).expect("the sets are there"))
         .expect("the sets can be read")
 }

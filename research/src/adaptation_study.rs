@@ -1,8 +1,6 @@
 //! A stage on [`IndependentStage`] whose gain is another one than when it was recorded, and drifts; the
 //! servo's model of it corrected in several ways: what the slow adaptation is judged by.
 
-use crate::independent_stage::{IndependentStage, StageChange, StageTruth};
-use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::gain_adaptation::AdaptationDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
@@ -15,6 +13,8 @@ use hysteron_core::servo_tick::{Counters, ServoTick};
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Trace, follow};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
+use hysteron_tests::independent_stage::{IndependentStage, StageChange, StageTruth};
+use hysteron_tests::servo_study::{RATE_HZ, prepared};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// How the gain of the model is corrected.

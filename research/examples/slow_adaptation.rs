@@ -1,7 +1,7 @@
 //! What a gain and a creep that the model does not know cost a servo, and what slow adaptation takes off:
 //! prints the tables that belong to `docs/results/slow_adaptation.md`.
 //!
-//!     cargo run --release -p hysteron-tests --example slow_adaptation [STAGES [FIRST_SEED]]
+//!     cargo run --release -p hysteron-research --example slow_adaptation [STAGES [FIRST_SEED]]
 //!
 //! Models are identified from the wideband recording and kept in target/slow_adaptation.
 
@@ -9,7 +9,7 @@ use hysteron::model_file::{effects_named, from_toml, to_toml};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::watch::Unwatched;
-use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_research::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
 use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::servo_study::{StudyRecording, record};
 use std::path::PathBuf;

@@ -9,13 +9,13 @@ use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
-use hysteron_sim::bench::Bench;
-use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::learning_study::{
+use hysteron_research::learning_study::{
     FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,
     learned_on_bench, sine_on_bench,
 };
+use hysteron_sim::bench::Bench;
+use hysteron_sim::chain::Model;
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{StudyRecording, record};
 
 fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {

@@ -3,7 +3,7 @@
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
-use hysteron_tests::other_actuators::{ActuatorKind, OF_CERAMICS, recorded};
+use hysteron_research::other_actuators::{ActuatorKind, OF_CERAMICS, recorded};
 
 #[test]
 fn a_voice_coil_is_told_no_effect_of_ceramics() {

@@ -13,12 +13,12 @@
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::sensor_lag::lag_s;
-use hysteron_sim::bench::Bench;
-use hysteron_tests::independent_stage::StageTruth;
-use hysteron_tests::learning_study::{
+use hysteron_research::learning_study::{
     FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,
     learned_on_bench, sine_on_bench,
 };
+use hysteron_sim::bench::Bench;
+use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::servo_study::{StudyRecording, kept_model, record};
 
 /// Periods that are followed.

@@ -2,14 +2,14 @@
 //! equations of their own.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example other_actuators -- [SEEDS]
+//! cargo run --release -p hysteron-research --example other_actuators -- [SEEDS]
 //! ```
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
-use hysteron_tests::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
+use hysteron_research::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
 use std::time::Instant;
 
 fn main() {

@@ -1,8 +1,6 @@
-//! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction
+//! A periodic reference on [`IndependentStage`](hysteron_tests::independent_stage::IndependentStage), its correction
 //! learned in several ways: what the learned feedforward is judged by.
 
-use crate::independent_stage::{StageChange, StageTruth};
-use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
@@ -20,6 +18,8 @@ use hysteron_sim::closed_loop::{
 };
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
+use hysteron_tests::servo_study::{RATE_HZ, prepared};
 use hysteron_thesis::commissioning;
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
 //! Whether saved models do what was reported of them, a line for each file:
 //!
-//!     cargo run --release -p hysteron-tests --example saved_model -- [--rate-hz HZ] FILE...
+//!     cargo run --release -p hysteron-research --example saved_model -- [--rate-hz HZ] FILE...
 //!
 //! Errors in nm on the samples that judged, as reported, by `compare` and by `simulate`; over the whole file,
 //! as reported and by `simulate`; the share inside the 95 % band, and its width over the error.

@@ -4,11 +4,11 @@
 use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::watch::Unwatched;
-use hysteron_tests::independent_stage::StageChange;
-use hysteron_tests::light_mode_study::{
+use hysteron_research::light_mode_study::{
     MODE_HZ, bandwidth_hz, moved, oscillates_with_mode_at, peak, reference_response,
     with_first_mode,
 };
+use hysteron_tests::independent_stage::StageChange;
 use hysteron_tests::servo_study::{StudyRecording, at_work, record};
 
 #[test]
