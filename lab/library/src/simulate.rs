@@ -3,7 +3,7 @@
 use crate::diagnosis::judgement::first_not_finite;
 use crate::error::{Error, Result};
 use hysteron_sim::chain::{Drive, Model};
-use hysteron_sim::effect::{hysteresis, two_sided};
+use hysteron_sim::effect::{hysteresis, inverse_preisach, two_sided};
 
 /// How far a drive may lie outside the limits of a model, as a share of their range: limits are often what a
 /// converter of 12 bits read of the commanded ones, half a step too low.
@@ -39,8 +39,8 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
         .copied()
         .filter(|u| !(low - tolerance_v..=high + tolerance_v).contains(u));
     // All other structures go on as they do inside.
-    let ends = |id: &str| model.effect(id).is_some();
-    if (ends(hysteresis::ID) || ends(two_sided::ID))
+    let ends = [hysteresis::ID, two_sided::ID, inverse_preisach::ID];
+    if ends.into_iter().any(|id| model.effect(id).is_some())
         && let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b)))
     {
         // Rounded away from the limit: it must not look as if it were inside.

@@ -2,11 +2,11 @@
 //! space.
 //!
 //! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so
-//! that it reads what the program reads. What blocks do is written once for each language (`blocks.m`,
-//! `blocks.py`, `blocks.c`); an export carries those that it needs and stands alone. An effect whose stage
-//! has no blocks is refused by name.
+//! that it reads what the program reads. What a block does stands once, in [`hysteron_sim::law`]; `laws`
+//! prints it in the words of a language. An effect whose stage has no blocks is refused by name.
 
 mod c;
+mod laws;
 mod matlab;
 mod python;
 mod state_space;
@@ -15,12 +15,11 @@ use crate::dataset::timing::Timing;
 use crate::engineering::{four, with_deviation};
 use crate::error::{Error, Result};
 use crate::origin::{Initial, Way};
-use hysteron_sim::block::{Block, BlockChain};
+use hysteron_sim::block::BlockChain;
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::origin::RecordStart;
-use std::collections::BTreeSet;
 
 /// What a model is exported as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,40 +205,6 @@ fn identifier(name: &str) -> String {
     }
 }
 
-/// The blocks that a chain needs of a library of them, each of which begins with a line that says `block` and
-/// its name.
-fn needed(library: &str, chain: &BlockChain, mark: &str) -> String {
-    let names: BTreeSet<&str> = chain
-        .blocks
-        .iter()
-        .map(|placed| placed.block.name())
-        .collect();
-    let mut out = String::new();
-    let mut takes = false;
-    for line in library.lines() {
-        match line
-            .strip_prefix(mark)
-            .and_then(|rest| rest.strip_prefix(" block "))
-        {
-            Some(rest) => {
-                takes = rest
-                    .split_whitespace()
-                    .next()
-                    .is_some_and(|name| names.contains(name));
-                if takes {
-                    out.push('\n');
-                }
-            }
-            None if takes => {
-                out.push_str(line);
-                out.push('\n');
-            }
-            None => {}
-        }
-    }
-    out
-}
-
 /// A number that reads back as the same one in every language.
 fn number(value: f64) -> String {
     if value == 0.0 {
@@ -341,147 +306,11 @@ fn head(exported: &Exported) -> Vec<String> {
     out
 }
 
-/// Play operators and the like as pairs of threshold and weight.
-fn pairs(plays: &[hysteron_sim::block::Play]) -> Vec<Vec<f64>> {
-    plays
-        .iter()
-        .map(|play| vec![play.threshold, play.weight])
-        .collect()
-}
-
-/// The numbers of a block in the order in which libraries take them: each a number, a row, or rows.
-enum Argument {
-    Number(f64),
-    Flag(bool),
-    Count(usize),
-    Row(Vec<f64>),
-    Column(Vec<f64>),
-    Rows(Vec<Vec<f64>>),
-    Nothing,
-    Force,
-}
-
-fn arguments(block: &Block, substeps: usize) -> Vec<Argument> {
-    use Argument::{Column, Count, Flag, Force, Nothing, Number, Row, Rows};
-    match block {
-        Block::Proportional { gain, offset } => vec![Number(*gain), Number(*offset)],
-        Block::Clamp { lower, upper } => vec![Number(*lower), Number(*upper)],
-        Block::Slope { most, gives_mean } => vec![Number(*most), Flag(*gives_mean)],
-        Block::Linear(l) => vec![
-            Rows(l.phi.clone()),
-            Column(l.start.clone()),
-            Column(l.end.clone()),
-            Row(l.out.clone()),
-            Number(l.before),
-            Number(l.through),
-            Column(l.rest.clone()),
-            Number(l.offset),
-        ],
-        Block::Delay { whole, late_share } => vec![Count(*whole), Number(*late_share)],
-        Block::Loops {
-            g,
-            r,
-            plays,
-            rate,
-            lower,
-            span,
-        } => {
-            let law = |l: &hysteron_sim::block::Rate| {
-                Row(vec![
-                    l.loop_linear,
-                    l.loop_quadratic,
-                    l.curve_linear,
-                    l.dt_s,
-                    l.substeps as f64,
-                ])
-            };
-            vec![
-                Rows(g.clone()),
-                Row(r.clone()),
-                Rows(pairs(plays)),
-                rate.as_ref().map_or(Nothing, law),
-                Number(*lower),
-                Number(*span),
-            ]
-        }
-        Block::Plays {
-            plays,
-            zones,
-            lower,
-            span,
-        } => vec![
-            Rows(pairs(plays)),
-            Rows(pairs(zones)),
-            Number(*lower),
-            Number(*span),
-        ],
-        Block::Slip {
-            gain,
-            elements,
-            lower,
-            span,
-        } => vec![
-            Number(*gain),
-            Rows(pairs(elements)),
-            Number(*lower),
-            Number(*span),
-        ],
-        Block::BoucWen {
-            gain,
-            alpha,
-            beta,
-            gamma,
-            lower,
-            span,
-        } => [gain, alpha, beta, gamma, lower, span]
-            .map(|v| Number(*v))
-            .into(),
-        Block::Duhem {
-            approach,
-            slope,
-            elastic,
-            lower,
-            span,
-        } => [approach, slope, elastic, lower, span]
-            .map(|v| Number(*v))
-            .into(),
-        Block::Gap { half } => vec![Number(*half)],
-        Block::Drift { rate, slowing } => vec![Number(*rate), Number(*slowing)],
-        Block::Lines(lines) => vec![Rows(lines.iter().map(|line| line.to_vec()).collect())],
-        Block::Bend { quadratic, cubic } => vec![Number(*quadratic), Number(*cubic)],
-        Block::Force { compliance } => vec![Force, Count(substeps), Number(*compliance)],
-    }
-}
-
-/// The steps of a chain for languages that carry whole signals: going over to sub-intervals, back, and the
-/// blocks between.
-enum Carry<'c> {
-    Refine,
-    Coarsen,
-    Block {
-        effect: &'c str,
-        block: &'c Block,
-        substeps: usize,
-    },
-}
-
-fn carried(chain: &BlockChain) -> Vec<Carry<'_>> {
-    let (mut out, mut fine) = (Vec::new(), false);
-    for placed in &chain.blocks {
-        match (fine, placed.fine) {
-            (false, true) => out.push(Carry::Refine),
-            (true, false) => out.push(Carry::Coarsen),
-            _ => {}
-        }
-        fine = placed.fine;
-        out.push(Carry::Block {
-            effect: &placed.effect,
-            block: &placed.block,
-            substeps: if fine { chain.substeps } else { 1 },
-        });
-    }
-    if fine {
-        out.push(Carry::Coarsen);
-    }
-    out
+/// Rows of numbers, each in these brackets, with this between two of them.
+fn rows(rows: &[Vec<f64>], [open, close]: [&str; 2], between: &str) -> String {
+    let row = |values: &Vec<f64>| {
+        let texts: Vec<String> = values.iter().map(|v| number(*v)).collect();
+        format!("{open}{}{close}", texts.join(", "))
+    };
+    rows.iter().map(row).collect::<Vec<_>>().join(between)
 }
