@@ -140,7 +140,7 @@ fn model(effects: &[(&str, &[f64])]) -> Model {
     for (id, values) in effects {
         let effect = by_id(id).unwrap();
         let effect = match *id {
-            "hysteresis" | "initial_curve" | "creep" | "play_operators" => {
+            "hysteresis" | "initial_curve" | "creep" | "play_operators" if !values.is_empty() => {
                 effect.with_parameters(values.len()).unwrap()
             }
             _ => effect,
@@ -594,7 +594,10 @@ fn a_reader_computes_two_models_from_the_equations() {
                 "20000",
             ],
         );
-        same(name, &found, &read(&model, 20_000.0, false));
+        // The equations have the sensor's rounding too, which exports leave out.
+        let (drive_v, _) = signals();
+        let drive = Drive::held(&drive_v, 1.0 / 20_000.0, InitialState::Virgin);
+        same(name, &found, &model.simulate(&drive));
     }
 }
 
