@@ -300,7 +300,7 @@ impl BlockChain {
         for (effect, fine) in model.order_with_fineness(&drive) {
             let instance = &model.effects[effect];
             let setting = model.setting(&drive, if fine { substeps } else { 1 });
-            let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else {
+            let Some(stage) = instance.stage(model, &setting) else {
                 continue;
             };
             let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;

@@ -9,7 +9,7 @@ use hysteron_sim::chain::{EffectInstance, Identified, InitialState, Model, Param
 use hysteron_sim::effect::expression::ExpressionEffect;
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Parameter, Scale, by_id, registry};
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::origin::{RecordStart, Recorded};
+use hysteron_sim::physics::{RecordStart, Recorded};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -295,7 +295,7 @@ pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
             .iter()
             .map(|instance| EffectEntry {
                 id: instance.id.clone(),
-                definition: instance.effect.definition().map(str::to_string),
+                definition: instance.effect.declaration().definition,
                 parameter: instance
                     .parameters
                     .iter()

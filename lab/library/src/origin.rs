@@ -13,7 +13,7 @@ use crate::replay::{files, whole};
 use crate::statistics::{extremes, rms};
 use hysteron_sim::chain::{Drive, Identified, InitialState, Model};
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::origin::{RecordStart, Recorded};
+use hysteron_sim::physics::{RecordStart, Recorded};
 use std::path::Path;
 use std::sync::Arc;
 

@@ -16,7 +16,7 @@ use crate::parallel;
 use crate::simulate::simulate;
 use hysteron_sim::chain::{Drive, EffectInstance, Model};
 use hysteron_sim::effect::{Overview, by_id, creep};
-use hysteron_sim::origin::{Identified, RecordStart};
+use hysteron_sim::physics::{Identified, RecordStart};
 use nalgebra::DVector;
 
 /// Standard deviations on either side of a 95 % band.

@@ -19,7 +19,7 @@ use hysteron_sim::block::BlockChain;
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::origin::RecordStart;
+use hysteron_sim::physics::RecordStart;
 
 /// What a model is exported as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -181,7 +181,7 @@ impl Exported<'_> {
 fn cannot(model: &Model, effect: &str) -> Error {
     let own = model
         .effect(effect)
-        .is_some_and(|e| e.effect.definition().is_some());
+        .is_some_and(|e| e.effect.declaration().definition.is_some());
     let why = if own {
         "is an effect of your own; write its expression into the exported file where it stands in the chain"
     } else if effect == hysteron_sim::effect::vibration::ID {
@@ -230,7 +230,7 @@ fn described(model: &Model) -> Vec<String> {
                 p.parameter.name, p.parameter.unit
             ));
         }
-        let equations = instance.effect.equations().replace('`', "");
+        let equations = declaration.equations.replace('`', "");
         out.extend(equations.lines().map(|line| format!("    {line}")));
     }
     out

@@ -10,7 +10,7 @@ use hysteron::origin::{Initial, Way};
 use hysteron_sim::chain::{Drive, EffectInstance, Identified, InitialState, Model};
 use hysteron_sim::effect::{FreeMotion, Overview, by_id};
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::origin::{RecordStart, Recorded};
+use hysteron_sim::physics::{RecordStart, Recorded};
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -329,7 +329,13 @@ fn every_effect_is_compared_or_refused() {
             .err()
             .map_or_else(String::new, |error| error.to_string());
         println!("{id}: {message}");
-        assert!(message.contains("expected a model without"), "{id}");
+        // A modifier may have nothing to do on drives of one sign.
+        let does_nothing =
+            read(&model(&chosen), 20_000.0, false) == read(&model(&chosen[..2]), 20_000.0, false);
+        assert!(
+            message.contains("expected a model without") || does_nothing,
+            "{id}"
+        );
     }
 }
 
@@ -614,7 +620,7 @@ fn the_page_of_equations_is_the_one_in_docs() {
     );
     for effect in hysteron_sim::effect::registry() {
         assert!(
-            !effect.equations().is_empty(),
+            !effect.declaration().equations.is_empty(),
             "{} has no equations",
             effect.declaration().id
         );

@@ -1,8 +1,18 @@
 //! Where a model comes from: what its records were, how they were read, and how well its values are known.
 
-use crate::chain::InitialState;
-use crate::effect::FreeMotion;
+use super::stage::FreeMotion;
 use crate::intersample::Intersample;
+
+/// The state of the actuator at the first sample of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InitialState {
+    /// Never driven: all states zero at the lower limit of the drive.
+    Virgin,
+    /// At rest at the first drive value.
+    Settled,
+    /// Anything; slow states are estimated.
+    Unknown,
+}
 
 /// What a model was identified from, and how well its values are known together.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,18 +1,46 @@
 //! How far the loops of a model open: whether they are loops of domains at all.
 
-use super::Place;
-use crate::chain::{Drive, InitialState, Model};
+use crate::physics::{Doubt, Model, Opening, Place, Setting, Signals};
 
 /// Loops that open by less than this share of their height are none of domain switching: of the hardest
 /// ceramics they open by some per cent (Fleming and Leang, 2014, Ch. 1).
-pub(super) const OF_DOMAINS: f64 = 0.003;
+pub(crate) const OF_DOMAINS: f64 = 0.003;
 /// Inputs on each branch at which loops are looked at.
 const BRANCH: usize = 200;
 /// So slow that nothing of the loops depends on the rate.
 const DT_S: f64 = 1.0;
 
+impl Model {
+    /// What speaks against the values of an effect.
+    #[must_use]
+    pub fn doubt(&self, id: &str) -> Option<Doubt> {
+        let e = self.effect(id)?;
+        let declaration = e.effect.declaration();
+        let closed = match declaration.opening {
+            Opening::NotNeeded => None,
+            Opening::OfItself => closed_because(self),
+            Opening::OfModified => declaration
+                .modifies
+                .and_then(|main| self.ruled_out_because(main))
+                .map(|_| "it belongs to loops, and there are none".into()),
+        };
+        closed
+            .map(Doubt::RuledOut)
+            .or_else(|| e.effect.doubt(self, &e.values()))
+    }
+
+    /// Why the model's values contradict the physics of an effect.
+    #[must_use]
+    pub fn ruled_out_because(&self, id: &str) -> Option<String> {
+        match self.doubt(id)? {
+            Doubt::RuledOut(because) => Some(because),
+            Doubt::Unlikely(_) => None,
+        }
+    }
+}
+
 /// Why the loops of a model are none: they do not open.
-pub(super) fn closed_because(model: &Model) -> Option<String> {
+fn closed_because(model: &Model) -> Option<String> {
     let (opening_um, height_um) = widest_opening_and_height_um(model);
     (opening_um < OF_DOMAINS * height_um).then(|| {
         format!(
@@ -25,7 +53,7 @@ pub(super) fn closed_because(model: &Model) -> Option<String> {
 
 /// How far the rising and the falling branch over the whole range are apart where they are farthest, and how
 /// high they are, um.
-pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
+pub(crate) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
     let mut loops = model.clone();
     loops.effects.retain(|e| {
         let declaration = e.effect.declaration();
@@ -42,8 +70,19 @@ pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
         .chain(rise)
         .chain([to_v, to_v])
         .collect();
-    let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
-    let read = loops.simulate(&drive);
+    let setting = Setting {
+        signals: Signals {
+            drive_v: &drive_v,
+            ..Signals::default()
+        },
+        ..Setting::of_held_drive(from_v, to_v, DT_S)
+    };
+    let (mut at_rest, mut read) = (loops.virgin_drive_v(), drive_v.clone());
+    for (_, mut stage) in loops.stages(&setting) {
+        at_rest = stage.settle(at_rest);
+        stage.run(0, &mut read);
+    }
+    read.insert(0, at_rest);
     let (falling, rising) = (
         &read[1 + BRANCH..2 * BRANCH + 2],
         &read[1 + 2 * BRANCH..3 * BRANCH + 2],
@@ -59,8 +98,8 @@ pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chain::EffectInstance;
     use crate::effect::{Overview, by_id};
+    use crate::physics::EffectInstance;
 
     /// Share of its height by which Prandtl-Ishlinskii's operator of these weights opens.
     fn opens_by(weights_um: &[f64]) -> f64 {
