@@ -323,7 +323,7 @@ impl BlockChain {
         for (effect, fine) in model.order_with_fineness(&held) {
             let instance = &model.effects[effect];
             let setting = model.setting(&held, if fine { substeps } else { 1 });
-            let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else {
+            let Some(stage) = instance.stage(model, &setting) else {
                 continue;
             };
             let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;

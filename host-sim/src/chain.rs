@@ -8,144 +8,10 @@
 //! run on sub-intervals; a held drive keeps its value over all the sub-intervals of a sample, another one
 //! runs on ([`crate::intersample`]).
 
-use crate::effect::{
-    AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage,
-};
 use crate::intersample::Intersample;
+use crate::physics::{AuxiliarySignal, Place, Setting, Signals, Stage};
+pub use crate::physics::{EffectInstance, Identified, Model, ParameterValue};
 use std::borrow::Cow;
-use std::sync::Arc;
-
-/// One parameter with its value.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ParameterValue {
-    /// What the parameter is.
-    pub parameter: Parameter,
-    /// Its value, in its unit.
-    pub value: f64,
-    /// Standard deviation of the value, if it was estimated.
-    pub std: Option<f64>,
-}
-
-impl ParameterValue {
-    /// The coordinate in which the parameter is varied.
-    #[must_use]
-    pub fn coordinate(&self) -> f64 {
-        match self.parameter.scale {
-            Scale::Linear(step) => self.value / step,
-            Scale::Logarithmic => self.value.max(f64::MIN_POSITIVE).ln(),
-        }
-    }
-
-    /// Sets the value from a coordinate, within the bounds of the parameter.
-    pub fn set_coordinate(&mut self, coordinate: f64) {
-        let value = match self.parameter.scale {
-            Scale::Linear(step) => coordinate * step,
-            Scale::Logarithmic => coordinate.clamp(-700.0, 700.0).exp(),
-        };
-        self.value = value.clamp(self.parameter.lower, self.parameter.upper);
-    }
-
-    /// Change of the value for a unit change of the coordinate, for standard deviations.
-    #[must_use]
-    pub fn value_per_coordinate(&self) -> f64 {
-        match self.parameter.scale {
-            Scale::Linear(step) => step,
-            Scale::Logarithmic => self.value,
-        }
-    }
-}
-
-/// An effect in a model.
-#[derive(Clone)]
-pub struct EffectInstance {
-    /// Identifier, the same as in the declaration.
-    pub id: String,
-    /// The effect.
-    pub effect: Arc<dyn Effect>,
-    /// Its parameters with values.
-    pub parameters: Vec<ParameterValue>,
-}
-
-impl std::fmt::Debug for EffectInstance {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("EffectInstance")
-            .field("id", &self.id)
-            .field("parameters", &self.parameters)
-            .finish()
-    }
-}
-
-impl EffectInstance {
-    /// An effect with the given values (short lists are filled with the first start).
-    #[must_use]
-    pub fn new(effect: Arc<dyn Effect>, overview: &Overview, values: &[f64]) -> Self {
-        let declared = effect.parameters(overview);
-        let start = effect
-            .starts(overview)
-            .into_iter()
-            .next()
-            .unwrap_or_default();
-        let parameters = declared
-            .into_iter()
-            .enumerate()
-            .map(|(i, parameter)| {
-                let value = values.get(i).or(start.get(i)).copied().unwrap_or(0.0);
-                ParameterValue {
-                    value: value.clamp(parameter.lower, parameter.upper),
-                    parameter,
-                    std: None,
-                }
-            })
-            .collect();
-        Self {
-            id: effect.declaration().id,
-            effect,
-            parameters,
-        }
-    }
-
-    /// The values of all parameters.
-    #[must_use]
-    pub fn values(&self) -> Vec<f64> {
-        self.parameters.iter().map(|p| p.value).collect()
-    }
-
-    fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        self.effect.stage(model, &self.values(), setting)
-    }
-}
-
-/// What a model was identified from, and how well its values are known together.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Identified {
-    /// The values, each by effect and parameter.
-    pub values: Vec<(String, String)>,
-    /// Lower triangular factor of their covariance in coordinates, by rows.
-    pub factor: Vec<Vec<f64>>,
-    /// The error that judged the model, um.
-    pub error_um: f64,
-    /// Longest record, s.
-    pub seconds: f64,
-    /// Lowest drive, V.
-    pub low_v: f64,
-    /// Highest drive, V.
-    pub high_v: f64,
-    /// Largest slope of the drive, V/s.
-    pub slope_max_v_s: f64,
-}
-
-/// A chain of effects with values: drive voltage in, sensor reading out.
-#[derive(Clone, Debug)]
-pub struct Model {
-    /// Lower limit of the drive, V: where the one-sided hysteresis counts from.
-    pub drive_min_v: f64,
-    /// Upper limit of the drive, V.
-    pub drive_max_v: f64,
-    /// The effects, in any order.
-    pub effects: Vec<EffectInstance>,
-    /// What it was identified from; none for a model that was written or changed by hand.
-    pub identified: Option<Arc<Identified>>,
-}
 
 /// The state of the actuator at the first sample of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -213,78 +79,6 @@ impl<'a> Drive<'a> {
 }
 
 impl Model {
-    /// A model without effects.
-    #[must_use]
-    pub fn new(drive_min_v: f64, drive_max_v: f64) -> Self {
-        // Zero has no sign: "-0 V" is no limit.
-        Self {
-            drive_min_v: drive_min_v + 0.0,
-            drive_max_v: drive_max_v + 0.0,
-            effects: Vec::new(),
-            identified: None,
-        }
-    }
-
-    /// Why the model's values contradict the physics of an effect.
-    #[must_use]
-    pub fn ruled_out_because(&self, id: &str) -> Option<String> {
-        let e = self.effect(id)?;
-        e.effect.ruled_out_because(self, &e.values())
-    }
-
-    /// The effect with this identifier.
-    #[must_use]
-    pub fn effect(&self, id: &str) -> Option<&EffectInstance> {
-        self.effects.iter().find(|e| e.id == id)
-    }
-
-    /// Values of the effect with this identifier.
-    #[must_use]
-    pub fn values(&self, id: &str) -> Option<Vec<f64>> {
-        self.effect(id).map(EffectInstance::values)
-    }
-
-    /// The chain in front of the converter's rounding: what can be compared with readings, of which rounding
-    /// is part of the noise.
-    #[must_use]
-    pub fn before_rounding(&self) -> Cow<'_, Self> {
-        let rounds = |e: &EffectInstance| e.effect.declaration().place == Place::Quantisation;
-        if !self.effects.iter().any(rounds) {
-            return Cow::Borrowed(self);
-        }
-        let effects = self
-            .effects
-            .iter()
-            .filter(|e| !rounds(e))
-            .cloned()
-            .collect();
-        Cow::Owned(Self {
-            effects,
-            identified: None,
-            ..*self
-        })
-    }
-
-    /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the
-    /// hysteresis that was there.
-    pub fn add(&mut self, instance: EffectInstance) {
-        let declaration = instance.effect.declaration();
-        let takes_over = declaration.place == Place::Hysteresis && declaration.modifies.is_none();
-        self.effects.retain(|e| {
-            let other = e.effect.declaration();
-            e.id != instance.id
-                && !(takes_over && other.place == Place::Hysteresis && other.modifies.is_none())
-        });
-        self.effects.push(instance);
-        self.effects.sort_by_key(|e| e.effect.declaration().place);
-    }
-
-    /// Identifiers of the effects in the order of the chain.
-    #[must_use]
-    pub fn effect_ids(&self) -> Vec<String> {
-        self.effects.iter().map(|e| e.id.clone()).collect()
-    }
-
     /// Sub-intervals per sample.
     #[must_use]
     pub fn substeps(&self, dt_s: f64) -> usize {
@@ -300,36 +94,6 @@ impl Model {
     #[must_use]
     pub fn substeps_for(&self, drive: &Drive) -> usize {
         self.substeps(drive.dt_s).max(drive.intersample.substeps())
-    }
-
-    /// Where the force-equivalent displacement stands without drive, um, on the first way there: what a
-    /// spring is deflected from.
-    pub(crate) fn neutral_um(&self, setting: &Setting) -> f64 {
-        let undriven_v = 0.0_f64.clamp(self.drive_min_v, self.drive_max_v);
-        let in_front = |i: &usize| self.effects[*i].effect.declaration().place <= Place::Hysteresis;
-        let stages = self
-            .order()
-            .into_iter()
-            .filter(in_front)
-            .filter_map(|i| self.effects[i].stage(self, setting));
-        stages.fold(undriven_v, |value, mut stage| stage.settle(value))
-    }
-
-    /// Builds the stages in the order of the chain, each with the index of its effect.
-    #[must_use]
-    pub fn stages<'a>(&self, setting: &Setting<'a>) -> Vec<(usize, Box<dyn Stage + 'a>)> {
-        let order = self.order();
-        order
-            .into_iter()
-            .filter_map(|i| self.effects[i].stage(self, setting).map(|stage| (i, stage)))
-            .collect()
-    }
-
-    /// The effects in the order of the chain, by position in the list.
-    pub(crate) fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.effects.len()).collect();
-        order.sort_by_key(|&i| self.effects[i].effect.declaration().place);
-        order
     }
 
     /// The effects in the order of the chain, each with whether it goes in sub-intervals of a period. What
@@ -380,7 +144,8 @@ impl Model {
     pub(crate) fn goes_in_sub_intervals(&self, effect: usize, dt_s: f64) -> bool {
         let instance = &self.effects[effect];
         let follows = |e: &EffectInstance| {
-            e.effect.follows_motion() && e.effect.declaration().place > Place::Vibration
+            let declaration = e.effect.declaration();
+            declaration.follows_motion && declaration.place > Place::Vibration
         };
         instance.effect.substeps(self, dt_s) > 1
             || (instance.effect.declaration().place == Place::AmplifierBandwidth
@@ -413,7 +178,7 @@ impl Model {
         )
     }
 
-    /// The same with every stage stepped in so many intervals per period: a plant that does not share the
+    /// [`Self::simulate`] with every stage stepped in so many intervals per period: a plant that does not share the
     /// discretisation of a model.
     #[must_use]
     pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {
@@ -511,17 +276,6 @@ fn carry<'a>(
 }
 
 impl Model {
-    /// The drive at which an actuator that was never driven rests, V: the lower limit, or zero where its
-    /// hysteresis counts from there to both sides.
-    #[must_use]
-    pub fn virgin_drive_v(&self) -> f64 {
-        if self.effect(crate::effect::two_sided::ID).is_some() {
-            0.0
-        } else {
-            self.drive_min_v
-        }
-    }
-
     /// The drive at which the actuator rests before the first sample, V.
     #[must_use]
     pub fn resting_drive_v(&self, drive: &Drive) -> f64 {

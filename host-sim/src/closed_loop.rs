@@ -369,7 +369,7 @@ impl<'a> Experiment<'a> {
         self.follow_with(ServoTick::new(*parameters), reference_um)
     }
 
-    /// The same with any law.
+    /// [`Self::follow`] with any law.
     #[must_use]
     pub fn follow_with(&self, controller: impl Controller, reference_um: &[f64]) -> Trace {
         let (plant, controller, zero_um) = self.conditioned(controller);

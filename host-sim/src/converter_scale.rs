@@ -46,7 +46,7 @@ impl ConverterScale {
         }
     }
 
-    /// The same converters with the sensor's zero moved to what is now `zero_um`.
+    /// These converters with the sensor's zero moved to what is now `zero_um`.
     #[must_use]
     pub fn zeroed_at(self, zero_um: f64) -> Self {
         Self {

@@ -61,7 +61,7 @@ const LAST_STEP_OF_SLIDING_BEND: f64 = 1e-3;
 impl Dahl {
     /// The law of a bristle that bends so far in steady sliding, um; of none, with zero.
     #[must_use]
-    pub fn of(sliding_bend_um: f64) -> Self {
+    pub fn with_sliding_bend(sliding_bend_um: f64) -> Self {
         Self {
             sliding_bend_um: sliding_bend_um.max(0.0),
             per_sliding_bend: if sliding_bend_um > 0.0 {
@@ -219,7 +219,7 @@ impl ElastoplasticFriction {
             return bend_um.clamp(-sliding_um.max(0.0), sliding_um.max(0.0));
         }
         let Some(breakaway_ratio) = self.breakaway_ratio else {
-            return Dahl::of(sliding_um).bend_after(bend_um, travel_um);
+            return Dahl::with_sliding_bend(sliding_um).bend_after(bend_um, travel_um);
         };
         // Mirror so that the motion is upward.
         let direction = travel_um.signum();
@@ -305,8 +305,8 @@ mod tests {
         }
         assert_eq!(
             (
-                Dahl::of(0.0).bend_after(0.0, 0.0),
-                Dahl::of(0.0).bend_after(0.0, 3.0)
+                Dahl::with_sliding_bend(0.0).bend_after(0.0, 0.0),
+                Dahl::with_sliding_bend(0.0).bend_after(0.0, 3.0)
             ),
             (0.0, 0.0)
         );
@@ -314,7 +314,7 @@ mod tests {
 
     #[test]
     fn spring_and_bristle_balance_where_bisection_says() {
-        let dahl = Dahl::of(0.1);
+        let dahl = Dahl::with_sliding_bend(0.1);
         for stiffness in [0.02, 1.0, 50.0] {
             for bend in [-0.1, -0.03, 0.0, 0.06, 0.0999, 0.1] {
                 for unbalanced in [-3.0, -0.2, -1e-3, 1e-7, 0.004, 0.15, 8.0] {

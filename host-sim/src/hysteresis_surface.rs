@@ -46,6 +46,20 @@ pub fn shifted_legendre(order: usize) -> Vec<f64> {
     current
 }
 
+/// Number of coefficients of a loop surface.
+#[must_use]
+pub const fn coefficient_count(degree: usize) -> usize {
+    degree * (degree + 1) / 2
+}
+
+/// Degree of a loop surface with so many coefficients.
+#[must_use]
+pub fn degree_of(coefficients: usize) -> usize {
+    (1..)
+        .find(|d| coefficient_count(*d) >= coefficients)
+        .unwrap_or(1)
+}
+
 /// The index pairs `(i, j)` of the coefficients `g_ij`, in the order in which they are stored.
 pub fn loop_terms(degree: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..degree).flat_map(|total| (0..=total).map(move |j| (total - j, j)))
@@ -156,7 +170,7 @@ pub fn horner(coefficients: &[f64], x: f64) -> f64 {
 /// Inputs at which a polynomial is taken side by side.
 const SIDE_BY_SIDE: usize = 8;
 
-/// The same at many inputs, in their place.
+/// [`horner`] at many inputs, in their place.
 fn horner_at_each(coefficients: &[f64], inputs: &mut [f64]) {
     let mut some = inputs.chunks_exact_mut(SIDE_BY_SIDE);
     for x in &mut some {

@@ -33,13 +33,13 @@ impl LoopInverse {
     /// The inverse of the loops of a model, virgin at the lower limit of the drive, for samples of this
     /// period; none where its structure has none.
     #[must_use]
-    pub fn of(model: &Model, dt_s: f64) -> Option<Self> {
+    pub fn from_model(model: &Model, dt_s: f64) -> Option<Self> {
         let main = model
             .effects
             .iter()
             .find(|e| e.effect.declaration().is_main())?;
         let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
-        let mut loops = main.effect.loops(model, &main.values(), &setting)?;
+        let mut loops = main.loops(model, &setting)?;
         let drive_v = model.virgin_drive_v();
         loops.step(0, drive_v);
         Some(Self {
@@ -162,7 +162,7 @@ mod tests {
     fn forward(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let main = &model.effects[0];
         let setting = Setting::of_held_drive(0.0, 80.0, dt_s);
-        let mut stage = main.effect.stage(model, &main.values(), &setting).unwrap();
+        let mut stage = main.stage(model, &setting).unwrap();
         stage.settle(0.0);
         drive_v
             .iter()
@@ -173,7 +173,7 @@ mod tests {
 
     fn largest_miss_um(model: &Model, desired_um: &[f64]) -> f64 {
         let dt_s = 1e-3;
-        let mut inverse = LoopInverse::of(model, dt_s).unwrap();
+        let mut inverse = LoopInverse::from_model(model, dt_s).unwrap();
         let answers: Vec<InverseDrive> = desired_um.iter().map(|y| inverse.step(*y)).collect();
         let drive_v: Vec<f64> = answers.iter().map(|a| a.drive_v).collect();
         let reached = forward(model, &drive_v, dt_s);
@@ -245,7 +245,7 @@ mod tests {
             let model = model_of("prandtl_ishlinskii", &weights);
             prop_assert!(largest_miss_um(&model, &desired) < 1e-12 * 10.0);
             let thresholds: Vec<f64> = (0..10).map(|i| 0.05 * f64::from(i)).collect();
-            let mut inverse = LoopInverse::of(&model, 1e-3).unwrap();
+            let mut inverse = LoopInverse::from_model(&model, 1e-3).unwrap();
             for (y, x) in desired.iter().zip(analytic_inverse(&weights, &thresholds, &desired)) {
                 let answer = inverse.step(*y);
                 if answer.saturated || !(0.0..=1.0).contains(&x) {

@@ -12,7 +12,8 @@
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
 use crate::chain::{Drive, InitialState, Model, ends};
-use crate::effect::{CoefficientWalker, LinearLanes, Stage};
+use crate::effect::hysteresis::{self, CoefficientWalker};
+use crate::physics::{LinearLanes, SharedPart, Stage};
 
 /// Samples in a chunk.
 const CHUNK: usize = 2048;
@@ -32,10 +33,9 @@ impl Variation {
     /// Whether the effect that differs is an expression of the user's own.
     #[must_use]
     pub fn is_defined_by_user(&self) -> bool {
-        self.model
-            .effects
-            .iter()
-            .any(|instance| instance.id == self.differs && instance.effect.definition().is_some())
+        self.model.effects.iter().any(|instance| {
+            instance.id == self.differs && instance.effect.declaration().definition.is_some()
+        })
     }
 }
 
@@ -45,7 +45,7 @@ pub struct Chunk<'a> {
     pub from: usize,
     /// What the sensor would read, um.
     pub reading_um: &'a [f64],
-    /// The same with each variation.
+    /// What the sensor reads with each variation.
     pub variations_um: &'a [Vec<f64>],
     /// What one unit of each coefficient adds to the reading, a row for every sample; empty where none was
     /// asked for.
@@ -85,7 +85,7 @@ impl Sampled {
 struct CoefficientLanes<'a> {
     stage: usize,
     lanes: usize,
-    walker: Box<dyn CoefficientWalker + 'a>,
+    walker: CoefficientWalker,
     behind: Vec<(bool, Passing<'a>)>,
     walker_is_fine: bool,
     last: Vec<f64>,
@@ -102,7 +102,7 @@ fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnSt
     for (effect, fine) in model.order_with_fineness(drive) {
         let instance = &model.effects[effect];
         let setting = model.setting(drive, if fine { substeps } else { 1 });
-        if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
+        if let Some(stage) = instance.stage(model, &setting) {
             out.push(OwnStage {
                 effect,
                 id: instance.id.clone(),
@@ -129,11 +129,7 @@ struct Beside<'a> {
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     let drive = Drive::held(&[], 1.0, InitialState::Unknown);
     let setting = model.setting(&drive, 1);
-    let walker = model
-        .effects
-        .iter()
-        .find_map(|e| e.effect.coefficient_walker(model, &setting));
-    walker.map_or_else(Vec::new, |w| {
+    CoefficientWalker::from_model(model, &setting).map_or_else(Vec::new, |w| {
         w.coefficients()
             .into_iter()
             .map(|(id, parameter)| (id.to_owned(), parameter))
@@ -176,11 +172,13 @@ pub fn walk(
         .map(|(v, alone)| {
             alone
                 .is_none()
-                .then(|| beside_of(v, &stages, substeps, drive))
+                .then(|| beside_of(v, &mut stages, substeps, drive))
         })
         .collect();
     for b in beside.iter().flatten().filter(|b| b.shares) {
-        stages[b.from].stage.keep_shared_part();
+        if let Some(part) = stages[b.from].stage.shared() {
+            part.keep();
+        }
     }
 
     // At rest before the first interval.
@@ -244,9 +242,13 @@ pub fn walk(
                         values: input.values.clone(),
                         fine: input.fine,
                     };
+                    let shared = if b.shares {
+                        stages[b.from].stage.shared()
+                    } else {
+                        None
+                    };
                     for (i, own) in b.stages.iter_mut().enumerate() {
-                        let shared =
-                            (i == 0 && b.shares).then(|| stages[b.from].stage.by_shared_part());
+                        let shared = shared.as_deref().filter(|_| i == 0).map(SharedPart::kept);
                         pass_sharing(own, &mut signal, substeps, from, shared);
                     }
                     b.sampled.take(&signal, substeps, out);
@@ -293,16 +295,16 @@ fn pass_sharing(
         signal.fine = false;
     }
     let from = if signal.fine { from * substeps } else { from };
-    match shared {
-        Some(part) => own.stage.run_sharing(from, &mut signal.values, part),
-        None => own.stage.run(from, &mut signal.values),
+    match (shared, own.stage.shared()) {
+        (Some(given), Some(part)) => part.run_with(&mut signal.values, given),
+        _ => own.stage.run(from, &mut signal.values),
     }
 }
 
 /// The stages that a variation has of its own: from the first that may differ.
 fn beside_of<'a>(
     variation: &Variation,
-    stages: &[OwnStage],
+    stages: &mut [OwnStage],
     substeps: usize,
     drive: &Drive<'a>,
 ) -> Beside<'a> {
@@ -326,14 +328,14 @@ fn beside_of<'a>(
         .unwrap_or(own.len());
     let alike = own
         .iter()
-        .zip(stages)
+        .zip(stages.iter())
         .take_while(|(a, b)| a.id == b.id && a.fine == b.fine)
         .count();
     let from = differs.min(alike);
     own.drain(..from);
-    let part = |of: Option<&OwnStage>| of.and_then(|s| s.stage.shared_part());
-    let shares = part(own.first())
-        .is_some_and(|values| part(stages.get(from)).is_some_and(|others| others == values));
+    let made_by = |of: Option<&mut OwnStage>| of?.stage.shared().map(|part| part.made_by());
+    let values = made_by(own.first_mut());
+    let shares = values.is_some() && values == made_by(stages.get_mut(from));
     Beside {
         from,
         shares,
@@ -349,21 +351,18 @@ fn lanes_of<'a>(
     stages: &[OwnStage<'a>],
     at_rest: &[f64],
 ) -> Option<CoefficientLanes<'a>> {
-    let (stage, mut walker) = stages.iter().enumerate().find_map(|(i, own)| {
-        let without_signals = Drive {
-            drive_v: &[],
-            force_n: None,
-            auxiliary: &[],
-            ..*drive
-        };
-        let setting = model.setting(&without_signals, if own.fine { substeps } else { 1 });
-        Some((
-            i,
-            model.effects[own.effect]
-                .effect
-                .coefficient_walker(model, &setting)?,
-        ))
-    })?;
+    let stage = stages.iter().position(|own| own.id == hysteresis::ID)?;
+    let without_signals = Drive {
+        drive_v: &[],
+        force_n: None,
+        auxiliary: &[],
+        ..*drive
+    };
+    let setting = model.setting(
+        &without_signals,
+        if stages[stage].fine { substeps } else { 1 },
+    );
+    let mut walker = CoefficientWalker::from_model(model, &setting)?;
     let lanes = walker.coefficients().len();
     let mut row = vec![0.0; lanes];
     walker.settle(at_rest[stage], &mut row);
@@ -379,7 +378,7 @@ fn lanes_of<'a>(
                 let setting = model.setting(drive, if own.fine { substeps } else { 1 });
                 let mut tried = Vec::new();
                 for value in &mut row {
-                    let mut one = instance.effect.stage(model, &instance.values(), &setting)?;
+                    let mut one = instance.stage(model, &setting)?;
                     *value = (one.settle(at_rest[i] + TRIAL_STEP * *value) - at_rest[i + 1])
                         / TRIAL_STEP;
                     tried.push(one);

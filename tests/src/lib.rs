@@ -1,11 +1,7 @@
 //! Tests that cross the rooms of Hysteron, and what they share.
 
-pub mod adaptation_study;
 pub mod independent_stage;
-pub mod learning_study;
-pub mod light_mode_study;
 pub mod measured;
-pub mod other_actuators;
 pub mod running_amplifier;
 pub mod servo_study;
 

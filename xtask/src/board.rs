@@ -2,18 +2,28 @@
 
 use std::path::PathBuf;
 
-use crate::steps::{build_as_tested, built, cargo, root};
+use crate::test_programs;
 use crate::toolchain;
+use crate::workspace::{AS_TESTED, built, cargo, root};
 
 /// The program.
 pub fn program() -> PathBuf {
     built("hysteron-board")
 }
 
-/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with
-/// the tests.
+/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), with what the
+/// tests are built of.
 pub fn independent_stage() -> Result<PathBuf, String> {
-    build_as_tested()?;
+    cargo(
+        &[
+            &["build", "--quiet"],
+            AS_TESTED,
+            &["--example", "independent_stage"],
+        ]
+        .concat(),
+        &root(),
+        &[],
+    )?;
     Ok(built("examples/independent_stage"))
 }
 
@@ -36,7 +46,7 @@ pub fn build() -> Result<(), String> {
 
 /// Builds the program as the tests have it and puts the image beside it.
 pub fn place() -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     place_image()
 }
 

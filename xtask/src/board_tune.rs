@@ -4,12 +4,13 @@
 //! The emulated board writes what the stage really does, with the codes of its converters. The sensor's codes
 //! that `tune` recorded on its reference are found there, and the true error is what counts.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::board;
 use crate::emulated_board::{EmulatedBoard, words_of_board};
-use crate::steps::{build_as_tested, built, command, root};
+use crate::test_programs;
 use crate::toolchain;
+use crate::workspace::{AS_TESTED, built, command, emptied, root};
 
 /// The true error that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
@@ -28,7 +29,7 @@ const CHECKED_SEED: u64 = 5;
 
 /// In front of the stage of `board/emulator/tests/stage.toml`, whose equations are those of the simulation.
 pub fn run() -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     let folder = emptied("board_tune")?;
     let truth = folder.join("truth.csv");
     let stage = root().join("board/emulator/tests/stage.toml");
@@ -48,26 +49,18 @@ pub fn run() -> Result<(), String> {
 
 /// In front of one independent stage.
 pub fn run_independent() -> Result<(), String> {
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     independent(CHECKED_SEED)
 }
 
 /// In front of the independent stages of these seeds, every one of which is tuned before the error names
 /// those that failed.
-pub fn run_seeds(seeds: &[&str]) -> Result<(), String> {
-    let seeds: Result<Vec<u64>, String> = seeds
-        .iter()
-        .map(|seed| {
-            seed.parse()
-                .map_err(|_| format!("{seed}: expected the seed of a stage, a whole number"))
-        })
-        .collect();
-    let seeds = seeds?;
-    build_as_tested()?;
+pub fn run_seeds(seeds: &[u64]) -> Result<(), String> {
+    test_programs::build(AS_TESTED)?;
     let failed: Vec<String> = seeds
-        .into_iter()
+        .iter()
         .filter_map(|seed| {
-            independent(seed)
+            independent(*seed)
                 .err()
                 .map(|problem| format!("stage {seed}: {problem}"))
         })
@@ -124,17 +117,6 @@ fn figures(out: &Path) -> Result<serde_json::Value, String> {
     let text = std::fs::read_to_string(out.join("tune.json"))
         .map_err(|error| format!("tune.json: {error}"))?;
     serde_json::from_str(&text).map_err(|error| format!("tune.json: {error}"))
-}
-
-/// A folder under `target/` for what a run writes.
-fn emptied(name: &str) -> Result<PathBuf, String> {
-    let folder = root().join("target").join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder)
-            .map_err(|error| format!("{}: {error}", folder.display()))?;
-    }
-    std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    Ok(folder)
 }
 
 fn tune(board: &EmulatedBoard, folder: &Path, further: &[&str]) -> Result<(), String> {

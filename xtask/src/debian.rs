@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::steps::{command, root};
+use crate::workspace::{command, root};
 
 /// Whether packages can be installed here.
 pub fn can_install() -> bool {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
-use crate::steps::root;
+use crate::workspace::root;
 
 /// One line in this format for every package behind these.
 pub fn packages(selection: &[&str], format: &str) -> Result<BTreeSet<String>, String> {

@@ -1,8 +1,8 @@
 //! Files beside the sources: workflows, citation, licences. Each is judged by the tool of its format, in a
 //! virtual environment of their own.
 
-use crate::steps::{command, root};
 use crate::virtual_environment::kept;
+use crate::workspace::{command, root};
 
 /// Schemas that come with the tool, an audit of workflows, and the REUSE tool; all work without a network.
 const TOOLS: [&str; 3] = ["check-jsonschema", "zizmor", "reuse"];

@@ -2,7 +2,7 @@
 //! `target/lab.html`.
 //!
 //! The module is built with the library without its default features, so that this step also shows that it
-//! builds for a browser: once as the page takes it, with the readers, and once checked bare.
+//! builds for a browser.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -11,9 +11,9 @@ use flate2::write::GzEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::steps::{cargo, root};
 use crate::toolchain::{self, WEB_ASSEMBLY};
-use crate::{browser, steps};
+use crate::workspace::{AS_TESTED, cargo, root};
+use crate::{browser, skipped_tests};
 
 /// A page that takes longer to open than to leave is not opened: what it may have.
 const MOST_BYTES: usize = 4_000_000;
@@ -43,20 +43,20 @@ pub fn build() -> Result<(), String> {
     Ok(())
 }
 
-/// Builds module and page crate by crate, as the tests open it, and checks the library alone.
+/// Level 1 is half the time to build; a search in the browser then takes some seconds more.
+const FOR_TESTS: [&str; 6] = [
+    "--config",
+    "profile.release.package.hysteron-core.opt-level=1",
+    "--config",
+    "profile.release.package.hysteron-sim.opt-level=1",
+    "--config",
+    "profile.release.package.hysteron.opt-level=1",
+];
+
+/// Builds module and page as the tests open it.
 pub fn build_for_tests() -> Result<(), String> {
-    module(&[])?;
-    write()?;
-    let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
-    toolchain.check(
-        &WEB_ASSEMBLY,
-        &root(),
-        &[
-            &["--package", "hysteron", "--no-default-features"],
-            &FOLDER[..],
-        ]
-        .concat(),
-    )
+    module(&FOR_TESTS)?;
+    write().map(drop)
 }
 
 /// A folder of its own: another compiler may be at work than the one of the host.
@@ -110,9 +110,9 @@ pub fn test() -> Result<(), String> {
         "1",
     ];
     cargo(
-        &[&["test"], &steps::AS_TESTED[..], &only].concat(),
+        &[&["test"], AS_TESTED, &only].concat(),
         &root(),
-        &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())],
+        &[("HYSTERON_SKIPPED", &skipped_tests::file().to_string_lossy())],
     )
 }
 

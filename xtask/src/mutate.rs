@@ -18,9 +18,9 @@ use std::time::{Duration, Instant};
 
 use serde::Deserialize;
 
-use crate::steps::root;
 use crate::test_programs::{self, TestProgram};
 use crate::toolchain::{self, FIRMWARE, Toolchain};
+use crate::workspace::{AS_TESTED, root};
 
 /// Where the emulated tests look for images, when it is not where `cargo xtask firmware` puts them.
 const IMAGES: &str = "HYSTERON_IMAGES";
@@ -53,7 +53,7 @@ struct Mutation {
     without: String,
     /// Where it stands, from the repository's root.
     file: String,
-    /// The text that is taken out; it occurs once.
+    /// The text that is taken out; it occurs once, white space aside.
     take_out: String,
     /// What stands there instead; nothing where it is not said.
     #[serde(default)]
@@ -96,13 +96,33 @@ impl Mutation {
         })
     }
 
-    /// The file's text with the mutation.
+    /// The file's text with the mutation. White space does not count, so that the list stands in any format.
     fn applied_to(&self, text: &str) -> Result<String, String> {
-        match text.matches(&self.take_out).count() {
-            1 => Ok(text.replacen(&self.take_out, &self.put_in, 1)),
-            count => Err(format!(
-                "{}: what is taken out occurs {count} times in {}, and must occur once",
-                self.name, self.file
+        let dense: Vec<(usize, char)> = text
+            .char_indices()
+            .filter(|(_, letter)| !letter.is_whitespace())
+            .collect();
+        let wanted: Vec<char> = self
+            .take_out
+            .chars()
+            .filter(|letter| !letter.is_whitespace())
+            .collect();
+        let found: Vec<&[(usize, char)]> = dense
+            .windows(wanted.len().max(1))
+            .filter(|window| window.iter().map(|(_, letter)| letter).eq(&wanted))
+            .collect();
+        match found[..] {
+            [&[(begin, _), .., (last, letter)]] => Ok([
+                &text[..begin],
+                &self.put_in,
+                &text[last + letter.len_utf8()..],
+            ]
+            .concat()),
+            _ => Err(format!(
+                "{}: what is taken out occurs {} times in {}, and must occur once",
+                self.name,
+                found.len(),
+                self.file
             )),
         }
     }
@@ -194,7 +214,7 @@ pub fn run(names: &[String]) -> Result<(), String> {
 fn test_program() -> Result<PathBuf, String> {
     let emulated =
         |program: &TestProgram| program.is_of("board/emulator") && program.kind == "test";
-    let programs = test_programs::build()?;
+    let programs = test_programs::build(AS_TESTED)?;
     programs
         .into_iter()
         .find(emulated)
@@ -424,13 +444,18 @@ mod tests {
             image: Image::Spi,
             test: String::new(),
         };
-        assert_eq!(mutation("a").applied_to("ab").as_deref(), Ok("cb"));
         assert_eq!(
-            mutation("b").applied_to("abb").unwrap_err(),
+            mutation("f(a, b);")
+                .applied_to("{\n  f(\n  a, b);\n}")
+                .as_deref(),
+            Ok("{\n  c\n}")
+        );
+        assert_eq!(
+            mutation("bb").applied_to("bb abb").unwrap_err(),
             "name: what is taken out occurs 2 times in file, and must occur once"
         );
         assert_eq!(
-            mutation("x").applied_to("ab").unwrap_err(),
+            mutation("xy").applied_to("ab").unwrap_err(),
             "name: what is taken out occurs 0 times in file, and must occur once"
         );
     }

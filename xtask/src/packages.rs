@@ -7,7 +7,7 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-use crate::steps::{cargo, root};
+use crate::workspace::{cargo, root};
 
 #[derive(Deserialize)]
 struct Workspace {

@@ -3,8 +3,8 @@
 
 use crate::board;
 use crate::emulated_board::{EmulatedBoard, words_of_board};
-use crate::steps::{command, root};
 use crate::virtual_environment;
+use crate::workspace::{command, root};
 
 /// The release that is installed.
 const PIPYTHON: &str = "pipython==2.11.0.6";

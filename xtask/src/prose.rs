@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::steps::root;
+use crate::workspace::root;
 
 /// Sequences of words, each with its alternatives, and what to write instead.
 const BANNED: &str = include_str!("banned_words.txt");
@@ -352,12 +352,7 @@ fn print_places(file: &str, figures: &Figures) {
 ///
 /// # Errors
 /// What cannot be read, and what passes a limit.
-pub fn report(arguments: &[String]) -> Result<(), String> {
-    let is_strict = arguments.iter().any(|word| word == "--strict");
-    let named: Vec<&String> = arguments
-        .iter()
-        .filter(|word| *word != "--strict")
-        .collect();
+pub fn report(is_strict: bool, named: &[String]) -> Result<(), String> {
     let mut all = Vec::new();
     for file in files()? {
         let is_wanted =

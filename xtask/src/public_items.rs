@@ -1,6 +1,6 @@
 //! What the library shows to its users: the items on its pages of documentation, held against a list.
 
-use crate::steps::root;
+use crate::workspace::root;
 use std::collections::BTreeSet;
 
 /// The list, one item a line.

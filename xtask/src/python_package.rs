@@ -4,8 +4,9 @@
 use std::path::Path;
 
 use crate::dependency_tree::packages;
-use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
+use crate::test_programs;
 use crate::virtual_environment::{fresh, install, kept};
+use crate::workspace::{AS_TESTED, built, cargo, command, emptied, root};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
 /// formats that are read, and the cluster of the example, and what runs a notebook.
@@ -28,21 +29,12 @@ fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
 }
 
-/// Removes what an earlier run has left.
-fn emptied(folder: &Path) -> Result<(), String> {
-    if folder.exists() {
-        std::fs::remove_dir_all(folder)
-            .map_err(|error| format!("{}: {error}", folder.display()))?;
-    }
-    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
-}
-
 /// Each package with its features.
 const WITH_FEATURES: &str = "{p} {f}";
 
-/// A package with other features than the tests' is built once more for the wheel, and so is all that stands
-/// on it.
-fn print_what_is_built_anew() -> Result<(), String> {
+/// A package with other features than the tests' would be built once more for the wheel, and so would all that
+/// stands on it.
+fn shares_what_the_tests_have_built() -> Result<(), String> {
     let of_the_tests = packages(
         &[
             "--workspace",
@@ -61,22 +53,22 @@ fn print_what_is_built_anew() -> Result<(), String> {
         .difference(&of_the_tests)
         .map(String::as_str)
         .collect();
-    if !others.is_empty() {
-        println!(
-            "   the wheel has other features than the workspace, and builds anew: {}",
+    if others.is_empty() {
+        Ok(())
+    } else {
+        Err(format!(
+            "the wheel has other features than the workspace: give lab/python/Cargo.toml those of {}",
             others.join(", ")
-        );
+        ))
     }
-    Ok(())
 }
 
 /// The wheel against the program.
 pub fn test() -> Result<(), String> {
-    print_what_is_built_anew()?;
-    build_as_tested()?;
+    shares_what_the_tests_have_built()?;
+    test_programs::build(AS_TESTED)?;
     let tools = kept("python/tools", &TOOLS)?;
-    let wheels = root().join("target/python/wheels");
-    emptied(&wheels)?;
+    let wheels = emptied("python/wheels")?;
     let out = text(&wheels);
     let maturin = [
         "-m",
@@ -167,8 +159,7 @@ pub fn write_notebook() -> Result<(), String> {
 
 /// Library and program on files that the libraries of their formats have just written, whole and damaged.
 pub fn formats() -> Result<(), String> {
-    let folder = root().join("target/python/formats");
-    emptied(&folder)?;
+    let folder = emptied("python/formats")?;
     command(
         &kept("python/tools", &TOOLS)?,
         &["lab/library/tests/formats/make.py", &text(&folder)],
@@ -177,7 +168,7 @@ pub fn formats() -> Result<(), String> {
     )?;
     let test = [
         &["test", "--quiet"],
-        &AS_TESTED[..],
+        AS_TESTED,
         &["--test", "integration", "formats::"],
     ]
     .concat();

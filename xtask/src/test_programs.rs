@@ -6,7 +6,8 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::steps::{AS_TESTED, cargo, root};
+use crate::cost::{self, Share, Stopwatch};
+use crate::workspace::root;
 
 /// How many of the slowest tests are printed.
 const SLOWEST: usize = 10;
@@ -24,17 +25,21 @@ pub struct TestProgram {
     pub executable: PathBuf,
 }
 
-/// Builds the tests of the workspace and lists their programs.
-pub fn build() -> Result<Vec<TestProgram>, String> {
-    let build = [&["test", "--quiet", "--no-run"], &AS_TESTED[..]].concat();
-    cargo(&build, &root(), &[])?;
+/// Builds programs and tests of a part of the workspace and lists the programs of tests.
+pub fn build(selection: &[&str]) -> Result<Vec<TestProgram>, String> {
+    let stopwatch = Stopwatch::start();
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .args(&build)
-        .arg("--message-format=json")
+        .args(["test", "--quiet", "--no-run", "--tests"])
+        .args(selection)
+        .arg("--message-format=json-render-diagnostics")
         .current_dir(root())
-        .stderr(Stdio::null())
+        .stderr(Stdio::inherit())
         .output()
         .map_err(|error| format!("cargo cannot be started: {error}"))?;
+    if !output.status.success() {
+        return Err("programs and tests do not build: see above".into());
+    }
+    cost::keep(Share::Part, "building programs and tests", stopwatch.read());
     let messages = String::from_utf8_lossy(&output.stdout);
     Ok(messages
         .lines()
@@ -97,6 +102,7 @@ pub fn run(
             program.target
         );
         println!("   {name}");
+        let stopwatch = Stopwatch::start();
         // The time of each test is an unstable option of the test harness; no compiler sees this variable.
         let mut child = Command::new(&program.executable)
             .args(["-Zunstable-options", "--report-time"])
@@ -117,6 +123,7 @@ pub fn run(
             }
         }
         let status = child.wait().map_err(|error| error.to_string())?;
+        cost::keep(Share::Part, &name, stopwatch.read());
         if !status.success() {
             print!("{others}");
             tally.failed.push(name);

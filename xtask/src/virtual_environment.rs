@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::debian;
-use crate::steps::{command, root};
+use crate::workspace::{command, root};
 
 /// The least release that the Python package asks for.
 const ENOUGH: &str = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 10))";
@@ -43,7 +43,8 @@ pub fn with_numpy() -> Result<PathBuf, String> {
     }
 }
 
-/// Installs packages by their names, or what else `pip install` takes.
+/// Installs packages by their names, or what else `pip install` takes. Python compiles a module where it is
+/// used; of the libraries of formats that is a small part.
 pub fn install(python: &Path, packages: &[&str]) -> Result<(), String> {
     command(
         python,
@@ -53,6 +54,7 @@ pub fn install(python: &Path, packages: &[&str]) -> Result<(), String> {
                 "pip",
                 "install",
                 "--quiet",
+                "--no-compile",
                 "--disable-pip-version-check",
             ],
             packages,

@@ -6,8 +6,9 @@
 //! which no known effect has: that something is left above the noise is right to be said. A servo is designed
 //! from the model that it comes to, down to the parameter block.
 
-use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root, skipped_file};
-use crate::{browser, lab_page, toolchain};
+use crate::test_programs;
+use crate::workspace::{AS_TESTED, built, cargo, command, root};
+use crate::{browser, lab_page, skipped_tests, toolchain};
 
 /// What the actuator has and the model is not given.
 const HIDDEN: &str = "creep";
@@ -26,7 +27,7 @@ pub fn run() -> Result<(), String> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let image = toolchain::image();
-    build_as_tested()?;
+    test_programs::build(AS_TESTED)?;
     let program = built("hysteron");
     let hysteron = |arguments: &[&str]| command(&program, arguments, &root(), &[]);
     hysteron(&[
@@ -100,7 +101,7 @@ pub fn run() -> Result<(), String> {
         ("HYSTERON_PAGE", lab_page::file()),
         ("HYSTERON_IMAGE", image),
         ("HYSTERON_LOG", log),
-        ("HYSTERON_SKIPPED", skipped_file()),
+        ("HYSTERON_SKIPPED", skipped_tests::file()),
     ];
     let seen = seen.map(|(name, path)| (name, path.to_string_lossy().into_owned()));
     let variables: Vec<(&str, &str)> = seen
@@ -110,7 +111,7 @@ pub fn run() -> Result<(), String> {
     cargo(
         &[
             &["test"],
-            &AS_TESTED[..],
+            AS_TESTED,
             &[
                 "--test",
                 "integration",

@@ -3,15 +3,11 @@
 //! The stage gives the voltage at the end of each interval; stages behind know how it goes there
 //! ([`super::arrival`]). In front of a slew limit, which makes another shape of it, it gives means.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "amplifier_bandwidth";
+pub const ID: &str = id::AMPLIFIER_BANDWIDTH;
 
 /// First-order lag in front of the hysteresis.
 pub struct AmplifierBandwidth;
@@ -57,36 +53,42 @@ impl Stage for LagStage {
     }
 }
 
-impl Physics for AmplifierBandwidth {
+impl Effect for AmplifierBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The output resistance of the amplifier and the capacitance of the piezo make the voltage lag behind the drive."
-                .into(),
+            .into(),
             reference: "Fleming and Leang, Design, Modeling and Control of Nanopositioning Systems (2014), Ch. 14".into(),
-            place: Place::AmplifierBandwidth,
-            modifies: None,
             experiment: "multisines at two amplitudes: a lag before the hysteresis rounds its turning points, one behind does not".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`tau y' + y = x`, `tau = 1 / (2 pi bandwidth_hz)`.
+
+With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. The next stage takes its input as gliding with `tau` (*Arrival*). In front of
+`slew_limit`, and with a mode or a sensor's lag in the model, it gives means: `y[k] = x[k] + (v[k-1] - x[k]) (1 - a) tau / T`. With a mode or a sensor's lag and `T` above 25 us the
+period is divided into 2. At rest `v = y = x`.",
+            ..Declaration::at(Place::AmplifierBandwidth)
         }
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        super::lag_parameters(overview)
+        lag_parameters(overview)
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        lag_starts(overview)
+    }
+
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let (decay, mean_weight) = lag_weights(from.values[0], from.setting.dt_s);
         let gives_mean =
-            super::arrival::gliding_s(model).is_none() && super::takes_the_mean_in(model);
+            super::arrival::gliding_s(from.model).is_none() && takes_the_mean_in(from.model);
         let output_weight = if gives_mean { mean_weight } else { decay };
-        let left_of_rise = if setting.runs_straight {
+        let left_of_rise = if from.setting.runs_straight {
             mean_weight
         } else {
             0.0
@@ -95,54 +97,22 @@ impl Physics for AmplifierBandwidth {
             decay,
             output_weight,
             left_of_rise,
-            voltage_v: model.drive_min_v,
-            before_v: model.drive_min_v,
+            voltage_v: from.model.drive_min_v,
+            before_v: from.model.drive_min_v,
         }))
     }
 
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
         // Loops bend on the way of a glide: in one interval a period the bench's sensor was found at 9.5 kHz,
         // in two at 9.7, in four at 9.9; it is at 10.
-        if super::takes_the_mean_in(model) && dt_s > 25e-6 {
+        if takes_the_mean_in(model) && dt_s > 25e-6 {
             2
         } else {
             1
         }
     }
-}
 
-impl Estimation for AmplifierBandwidth {}
-
-impl SearchHints for AmplifierBandwidth {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        super::lag_starts(overview)
-    }
-}
-
-impl Presentation for AmplifierBandwidth {
-    fn equations(&self) -> &'static str {
-        r"`tau y' + y = x`, `tau = 1 / (2 pi bandwidth_hz)`.
-
-With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. The next stage takes its input as gliding with `tau` (*Arrival*). In front of
-`slew_limit`, and with a mode or a sensor's lag in the model, it gives means: `y[k] = x[k] + (v[k-1] - x[k]) (1 - a) tau / T`. With a mode or a sensor's lag and `T` above 25 us the
-period is divided into 2. At rest `v = y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for AmplifierBandwidth {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![3000.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![3000.0 / case.strength.max(0.01)])
     }
 }

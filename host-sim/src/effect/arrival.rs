@@ -8,9 +8,9 @@
 //! straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the
 //! bend of the loops alone, and two are as good as four were in which the mean of the voltage was held.
 
-use super::{Setting, amplifier_bandwidth, delay, slew_limit};
-use crate::chain::Model;
+use super::delay;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 
 /// The way of a signal inside an interval.
@@ -34,7 +34,7 @@ pub(super) struct Over {
 
 impl Arrival {
     /// The way of what stands behind the hysteresis of a model, over the intervals of a record.
-    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+    pub(super) fn from_model(model: &Model, setting: &Setting) -> Self {
         if setting.runs_straight {
             return Self::Straight;
         }
@@ -105,9 +105,9 @@ impl Arrival {
 /// Time constant of the amplifier whose voltage glides from one end of an interval to the next; where its
 /// slope is limited too, sub-intervals show the shape.
 pub(super) fn gliding_s(model: &Model) -> Option<f64> {
-    let bandwidth_hz = model.values(amplifier_bandwidth::ID)?[0];
+    let bandwidth_hz = model.values(id::AMPLIFIER_BANDWIDTH)?[0];
     model
-        .effect(slew_limit::ID)
+        .effect(id::SLEW_LIMIT)
         .is_none()
         .then(|| 1.0 / (std::f64::consts::TAU * bandwidth_hz))
 }

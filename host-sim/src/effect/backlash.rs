@@ -5,12 +5,8 @@
 //! pushed at the other, and at rest between. Of a stage that follows at once dry friction with a stiff
 //! bristle does the same; in front of a mode the gap comes first, and nothing holds the mass.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "backlash";
@@ -46,18 +42,22 @@ impl Stage for BacklashStage {
     }
 }
 
-impl Physics for Backlash {
+impl Effect for Backlash {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "A gap between actuator and stage has to be crossed at every reversal before the stage moves.".into(),
             reference: "Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities (1996), Ch. 2".into(),
-            place: Place::Friction,
-            modifies: None,
             experiment: "small slow triangles around several positions: nothing moves behind each reversal, over one and the same way"
-                .into(),
-            candidate: true,
+            .into(),
             one_sided: true,
+            picture: Picture {
+                against: Against::TimeSinceTurn,
+                caption: "A gap holds the stage still just after the drive turns, over the same way each time.",
+            },
+            planted: Planted::Never,
+            equations: r"`y[k] = min(max(y[k-1], x[k] - gap_um / 2), x[k] + gap_um / 2)`. At rest `y = x`.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -71,55 +71,22 @@ impl Physics for Backlash {
         )]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(BacklashStage {
-            half_gap_um: 0.5 * values[0].max(0.0),
-            taken_along_um: 0.0,
-        }))
-    }
-}
-
-impl Estimation for Backlash {}
-
-impl SearchHints for Backlash {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         [0.002, 0.01, 0.04]
             .iter()
             .map(|share| vec![share * overview.range_um])
             .collect()
     }
-}
 
-impl Presentation for Backlash {
-    fn equations(&self) -> &'static str {
-        r"`y[k] = min(max(y[k-1], x[k] - gap_um / 2), x[k] + gap_um / 2)`. At rest `y = x`."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(BacklashStage {
+            half_gap_um: 0.5 * from.values[0].max(0.0),
+            taken_along_um: 0.0,
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::TimeSinceTurn,
-            caption: "A gap holds the stage still just after the drive turns, over the same way each time.",
-        }
-    }
-}
-
-impl SyntheticCases for Backlash {
-    fn planted(&self) -> Planted {
-        Planted::Never
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.06 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.06 * case.strength])
     }
 }
 

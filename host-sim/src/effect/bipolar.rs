@@ -1,13 +1,9 @@
 //! Bipolar drive: the hysteresis counts from a lower limit below the drive's nominal one.
 
-use super::{
-    Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "bipolar";
+pub const ID: &str = id::BIPOLAR;
 
 /// Moves the lower limit from which the one-sided hysteresis counts.
 pub struct Bipolar;
@@ -21,17 +17,16 @@ pub fn lower_limit_v(model: &Model) -> f64 {
         .unwrap_or(model.drive_min_v)
 }
 
-impl Physics for Bipolar {
+impl Effect for Bipolar {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The drive goes below zero: the one-sided memory then counts from the lowest drive, not from zero.".into(),
             reference: "thesis Ch. 8, future work 2".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "triangles of growing height that begin at the lowest drive".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"`low = lower_limit_v` in the `X` of `hysteresis`.",
+            ..Declaration::on_request(Place::Hysteresis)
         }
     }
 
@@ -49,28 +44,7 @@ impl Physics for Bipolar {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for Bipolar {}
-
-impl SearchHints for Bipolar {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![overview.drive_min_v]]
     }
 }
-
-impl Presentation for Bipolar {
-    fn equations(&self) -> &'static str {
-        r"`low = lower_limit_v` in the `X` of `hysteresis`."
-    }
-}
-
-impl SyntheticCases for Bipolar {}

@@ -1,11 +1,7 @@
 //! Bouc-Wen hysteresis: one state that follows the drive and saturates.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Linear displacement less a Bouc-Wen state.
 pub struct BoucWen;
@@ -18,8 +14,7 @@ struct BoucWenStage {
     gamma: f64,
     state: f64,
     last: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
 }
 
 impl BoucWenStage {
@@ -31,15 +26,14 @@ impl BoucWenStage {
             gamma: values[3],
             state: 0.0,
             last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
         }
     }
 }
 
 impl Stage for BoucWenStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let change = x - self.last;
         // With |h| of one sign the equation is linear in h; stepping it in small pieces keeps the sign
         // changes right.
@@ -60,32 +54,26 @@ impl Stage for BoucWenStage {
             alpha: self.alpha_um,
             beta: self.beta,
             gamma: self.gamma,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
-impl Loops for BoucWenStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
-}
+impl Loops for BoucWenStage {}
 
-impl Physics for BoucWen {
+impl Effect for BoucWen {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "bouc_wen".into(),
             physics: "One hysteretic state follows the drive and saturates: a smooth loop from four numbers.".into(),
             reference: "thesis Ch. 2, 3.1.5; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow sines of several amplitudes".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - h`, `h' = alpha_um X' - beta |X'| h - gamma X' |h|`.
+
+The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|), 1), 400)` pieces `p`, each by the rule of the middle: with `f(h) = beta |p| + gamma p sign(h)`,
+`m = h + (alpha_um p - f(h) h) / 2`, then `h = h + alpha_um p - f(m) m`. At rest one step from `X = 0`, `h = 0`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -99,48 +87,12 @@ impl Physics for BoucWen {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(BoucWenStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(BoucWenStage::new(model, values)))
-    }
-}
-
-impl Estimation for BoucWen {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for BoucWen {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(BoucWenStage::new(from.model, from.values)))
     }
 }
-
-impl Presentation for BoucWen {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - h`, `h' = alpha_um X' - beta |X'| h - gamma X' |h|`.
-
-The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|), 1), 400)` pieces `p`, each by the rule of the middle: with `f(h) = beta |p| + gamma p sign(h)`,
-`m = h + (alpha_um p - f(h) h) / 2`, then `h = h + alpha_um p - f(m) m`. At rest one step from `X = 0`, `h = 0`."
-    }
-}
-
-impl SyntheticCases for BoucWen {}

@@ -1,11 +1,7 @@
 //! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// High-pass of the drive in front of the hysteresis.
 pub struct ChargeLeakage;
@@ -41,17 +37,22 @@ impl Stage for LeakStage {
     }
 }
 
-impl Physics for ChargeLeakage {
+impl Effect for ChargeLeakage {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "charge_leakage".into(),
             physics: "A charge amplifier loses charge through the insulation resistance: what is held sinks back towards rest.".into(),
             reference: "Fleming and Leang (2014), Ch. 15".into(),
-            place: Place::Charge,
-            modifies: None,
             experiment: "steps held for several minutes at different voltages".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Time,
+                caption: "An error that goes its own way in time, whatever the drive does.",
+            },
+            equations: r"`y = x - share q`, `time_constant_s q' + q = x - drive_min_v`.
+
+With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_min_v)`. At rest `q = x - drive_min_v`.",
+            ..Declaration::at(Place::Charge)
         }
     }
 
@@ -62,55 +63,24 @@ impl Physics for ChargeLeakage {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let decay = (-setting.dt_s / values[1]).exp();
-        Some(Box::new(LeakStage {
-            decay,
-            share: values[0],
-            leaked: 0.0,
-            rest_v: model.drive_min_v,
-        }))
-    }
-}
-
-impl Estimation for ChargeLeakage {}
-
-impl SearchHints for ChargeLeakage {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         [0.1, 1.0, 5.0]
             .iter()
             .map(|times| vec![0.02, times * overview.duration_s])
             .collect()
     }
-}
 
-impl Presentation for ChargeLeakage {
-    fn equations(&self) -> &'static str {
-        r"`y = x - share q`, `time_constant_s q' + q = x - drive_min_v`.
-
-With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_min_v)`. At rest `q = x - drive_min_v`."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let decay = (-from.setting.dt_s / from.values[1]).exp();
+        Some(Box::new(LeakStage {
+            decay,
+            share: from.values[0],
+            leaked: 0.0,
+            rest_v: from.model.drive_min_v,
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Time,
-            caption: "An error that goes its own way in time, whatever the drive does.",
-        }
-    }
-}
-
-impl SyntheticCases for ChargeLeakage {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.02 * case.strength, case.about(30.0)])
     }
 }

@@ -7,13 +7,8 @@
 //! [`super::logarithmic_creep`], the same law in two parameters, and [`super::creep_operators`], whose
 //! equilibrium has hysteresis.
 
-use super::{
-    Against, Declaration, Effect, Estimation, FreeMotion, LinearLanes, Overview, Parameter,
-    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
-    SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::{EffectInstance, Model};
+use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
@@ -160,34 +155,8 @@ impl Stage for CreepStage {
         }
         self.input = last;
     }
-    fn shared_part(&self) -> Option<Vec<f64>> {
-        // Whatever their shares, terms with these time constants have the same states.
-        Some(self.all.iter().map(|term| term.decay).collect())
-    }
-    fn keep_shared_part(&mut self) {
-        self.terms.clone_from(&self.all);
-        self.kept = Some(Vec::new());
-    }
-    fn by_shared_part(&self) -> &[f64] {
-        self.kept.as_deref().unwrap_or_default()
-    }
-    fn run_sharing(&mut self, _from: usize, signal: &mut [f64], part: &[f64]) {
-        let (shares, rest) = part.split_at(self.all.len());
-        let (outputs, states) = rest.split_at(signal.len());
-        signal.copy_from_slice(outputs);
-        for (k, (term, share)) in self
-            .all
-            .iter()
-            .zip(shares)
-            .enumerate()
-            .filter(|(_, (term, share))| term.share != **share)
-        {
-            let more = term.share - share;
-            let of_some = &states[k / SIDE_BY_SIDE * SIDE_BY_SIDE * signal.len()..];
-            for (value, states) in signal.iter_mut().zip(of_some.chunks_exact(SIDE_BY_SIDE)) {
-                *value += more * states[k % SIDE_BY_SIDE];
-            }
-        }
+    fn shared(&mut self) -> Option<&mut dyn SharedPart> {
+        Some(self)
     }
     fn blocks(&self) -> Option<Vec<Block>> {
         let of = |value: fn(&Term) -> f64| self.terms.iter().map(value).collect::<Vec<f64>>();
@@ -227,6 +196,38 @@ impl Stage for CreepStage {
             terms,
             inputs: vec![0.0; lanes],
         }))
+    }
+}
+
+impl SharedPart for CreepStage {
+    fn made_by(&self) -> Vec<f64> {
+        // Whatever their shares, terms with these time constants have the same states.
+        self.all.iter().map(|term| term.decay).collect()
+    }
+    fn keep(&mut self) {
+        self.terms.clone_from(&self.all);
+        self.kept = Some(Vec::new());
+    }
+    fn kept(&self) -> &[f64] {
+        self.kept.as_deref().unwrap_or_default()
+    }
+    fn run_with(&mut self, signal: &mut [f64], part: &[f64]) {
+        let (shares, rest) = part.split_at(self.all.len());
+        let (outputs, states) = rest.split_at(signal.len());
+        signal.copy_from_slice(outputs);
+        for (k, (term, share)) in self
+            .all
+            .iter()
+            .zip(shares)
+            .enumerate()
+            .filter(|(_, (term, share))| term.share != **share)
+        {
+            let more = term.share - share;
+            let of_some = &states[k / SIDE_BY_SIDE * SIDE_BY_SIDE * signal.len()..];
+            for (value, states) in signal.iter_mut().zip(of_some.chunks_exact(SIDE_BY_SIDE)) {
+                *value += more * states[k % SIDE_BY_SIDE];
+            }
+        }
     }
 }
 
@@ -312,19 +313,28 @@ pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> Effe
     creep
 }
 
-impl Physics for Creep {
+impl Effect for Creep {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
-                    .into(),
+            "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
+            .into(),
             reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 13 and 17".into(),
-            place: Place::Creep,
-            modifies: None,
             experiment: "steps of several heights, each held for ten seconds or more".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 4,
+            starts_combine: true,
+            picture: Picture {
+                against: Against::TimeHeld,
+                caption: "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
+
+Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
+Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
+            ..Declaration::at(Place::Creep)
         }
     }
 
@@ -348,17 +358,20 @@ impl Physics for Creep {
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let taus = self.time_constants_s(overview);
+        (0..taus.len())
+            .map(|k| {
+                taus.iter()
+                    .enumerate()
+                    .flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau])
+                    .collect()
+            })
+            .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(CreepStage::new(values, setting.dt_s)))
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(CreepStage::new(from.values, from.setting.dt_s)))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
@@ -377,67 +390,12 @@ impl Physics for Creep {
         (count > 0 && count.is_multiple_of(2))
             .then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
     }
-}
 
-impl Estimation for Creep {
-    fn answers_drive_by(&self) -> Vec<usize> {
-        (0..self.terms).map(|term| 2 * term).collect()
-    }
-
-    fn fitting_rank(&self) -> usize {
-        4
-    }
-}
-
-impl SearchHints for Creep {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let taus = self.time_constants_s(overview);
-        (0..taus.len())
-            .map(|k| {
-                taus.iter()
-                    .enumerate()
-                    .flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau])
-                    .collect()
-            })
-            .collect()
-    }
-
-    fn starts_combine(&self) -> bool {
-        true
-    }
-}
-
-impl Presentation for Creep {
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
-
-Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
-Behind modes it goes once a period, by the values at the ends of periods."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::TimeHeld,
-            caption: "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
-        }
-    }
-}
-
-impl SyntheticCases for Creep {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(
             [0.02, 0.2, 2.0, 20.0]
                 .iter()
-                .flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau])
+                .flat_map(|tau| [case.about(0.006 * case.strength), *tau])
                 .collect(),
         )
     }

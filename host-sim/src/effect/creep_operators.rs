@@ -5,11 +5,7 @@
 //! equilibrium is the play operator of the same threshold, and a sum over thresholds and time constants is
 //! the nonlinear creep of log(t) type. A threshold of zero gives the linear terms of [`super::creep`].
 
-use super::{
-    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation,
-    SearchHints, Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
@@ -103,18 +99,21 @@ impl Stage for OperatorStage {
     }
 }
 
-impl Physics for CreepOperators {
+impl Effect for CreepOperators {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Creep that ends elsewhere on the way up than on the way down: domains creep only where they are pushed hard enough."
-                .into(),
+            .into(),
             reference: "thesis Ch. 2, 3.2.1; Krejci and Kuhnen, IEE Proc. Control Theory Appl. 148 (2001) 185-192".into(),
-            place: Place::Creep,
-            modifies: None,
             experiment: "steps up and down to the same displacement, each held for ten seconds or more".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 4,
+            equations: r"`y = x + sum share_i z_i`. With `r = threshold_i_um`: `time_constant_i_s z_i' = x - z_i - r` while `x - z_i > r`, `time_constant_i_s z_i' = x - z_i + r` while `x - z_i < -r`, and `z_i' = 0` between.
+
+With `a = exp(-T / tau)`, `m = (1 - a) tau / T` and the middle `(x[k-1] + x[k]) / 2` of an interval, which decides on the side: `z[k] = a z[k-1] + (m - a) (x[k-1] - o) + (1 - m) (x[k] - o)`, `o = r` above, `o = -r` below; `z[k] = z[k-1]` between. At rest each `z_i = min(max(z_i, x - r), x + r)` from 0.
+Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
+            ..Declaration::on_request(Place::Creep)
         }
     }
 
@@ -145,46 +144,6 @@ impl Physics for CreepOperators {
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0 && count.is_multiple_of(3)).then(|| {
-            Arc::new(Self {
-                operators: count / 3,
-            }) as Arc<dyn Effect>
-        })
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let operators = values
-            .chunks_exact(3)
-            .map(|v| Operator::new(v, setting.dt_s))
-            .collect();
-        Some(Box::new(OperatorStage {
-            operators,
-            input_um: 0.0,
-        }))
-    }
-}
-
-impl Estimation for CreepOperators {
-    fn answers_drive_by(&self) -> Vec<usize> {
-        (0..self.operators).map(|i| 3 * i).collect()
-    }
-
-    fn fitting_rank(&self) -> usize {
-        4
-    }
-}
-
-impl SearchHints for CreepOperators {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let longest_s = (overview.duration_s / 2.0).max(1e-3);
         let grid = (0..self.operators).flat_map(|i| {
@@ -198,18 +157,27 @@ impl SearchHints for CreepOperators {
         });
         vec![grid.collect()]
     }
-}
 
-impl Presentation for CreepOperators {
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum share_i z_i`. With `r = threshold_i_um`: `time_constant_i_s z_i' = x - z_i - r` while `x - z_i > r`, `time_constant_i_s z_i' = x - z_i + r` while `x - z_i < -r`, and `z_i' = 0` between.
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0 && count.is_multiple_of(3)).then(|| {
+            Arc::new(Self {
+                operators: count / 3,
+            }) as Arc<dyn Effect>
+        })
+    }
 
-With `a = exp(-T / tau)`, `m = (1 - a) tau / T` and the middle `(x[k-1] + x[k]) / 2` of an interval, which decides on the side: `z[k] = a z[k-1] + (m - a) (x[k-1] - o) + (1 - m) (x[k] - o)`, `o = r` above, `o = -r` below; `z[k] = z[k-1]` between. At rest each `z_i = min(max(z_i, x - r), x + r)` from 0.
-Behind modes it goes once a period, by the values at the ends of periods."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let operators = from
+            .values
+            .chunks_exact(3)
+            .map(|v| Operator::new(v, from.setting.dt_s))
+            .collect();
+        Some(Box::new(OperatorStage {
+            operators,
+            input_um: 0.0,
+        }))
     }
 }
-
-impl SyntheticCases for CreepOperators {}
 
 #[cfg(test)]
 mod tests {

@@ -6,13 +6,9 @@
 //! its actuator (Ch. 5, Eq. 17: poles at -0.134, -1.64 and -6.19 +- 23.5i 1/s) is the product of two terms
 //! and this one.
 
-use super::{
-    Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Place,
-    Presentation, SearchHints, Setting, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
@@ -108,7 +104,7 @@ impl Stage for PairStage {
     }
 }
 
-/// The same with states for each perturbation of a batch.
+/// The pair with states for each perturbation of a batch.
 struct PairLanes {
     carried: Carried,
     states: Vec<[f64; 2]>,
@@ -135,17 +131,19 @@ impl LinearLanes for PairLanes {
     }
 }
 
-impl Physics for CreepPolePair {
+impl Effect for CreepPolePair {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Creep that overshoots on its way: a slow pair of complex poles beside the first-order terms.".into(),
             reference: "thesis Ch. 5, Eqs. 13 and 17".into(),
-            place: Place::Creep,
-            modifies: None,
             experiment: "steps of several heights, each held for ten seconds or more".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 5,
+            equations: r"`y = x + share z + velocity_share v`, with `w = natural_frequency_rad_s`: `z' = w v`, `v' = w (x - z - 2 damping_ratio v)`.
+
+Exact for an input that runs straight through the interval. At rest `z = x`, `v = 0`. Behind modes it goes once a period, by the values at the ends of periods.",
+            goes_by_ends: true,
+            ..Declaration::on_request(Place::Creep)
         }
     }
 
@@ -163,18 +161,18 @@ impl Physics for CreepPolePair {
         ]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let (slowest, fastest) = (4.0 * slowest_rad_s(overview), 0.7 * TAU * FASTEST_HZ);
+        let count = ((fastest / slowest).log2().ceil() as usize).clamp(1, 6);
+        (0..count)
+            .map(|k| slowest * (fastest / slowest).powf((k as f64 + 0.5) / count as f64))
+            .map(|w| vec![0.005, 0.0, w, FIRST_DAMPING])
+            .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PairStage {
-            carried: Carried::new(values, setting.dt_s),
+            carried: Carried::new(from.values, from.setting.dt_s),
             state: [0.0; 2],
             input: 0.0,
         }))
@@ -188,37 +186,6 @@ impl Physics for CreepPolePair {
         }]
     }
 }
-
-impl Estimation for CreepPolePair {
-    fn answers_drive_by(&self) -> Vec<usize> {
-        vec![0, 1]
-    }
-
-    fn fitting_rank(&self) -> usize {
-        5
-    }
-}
-
-impl SearchHints for CreepPolePair {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let (slowest, fastest) = (4.0 * slowest_rad_s(overview), 0.7 * TAU * FASTEST_HZ);
-        let count = ((fastest / slowest).log2().ceil() as usize).clamp(1, 6);
-        (0..count)
-            .map(|k| slowest * (fastest / slowest).powf((k as f64 + 0.5) / count as f64))
-            .map(|w| vec![0.005, 0.0, w, FIRST_DAMPING])
-            .collect()
-    }
-}
-
-impl Presentation for CreepPolePair {
-    fn equations(&self) -> &'static str {
-        r"`y = x + share z + velocity_share v`, with `w = natural_frequency_rad_s`: `z' = w v`, `v' = w (x - z - 2 damping_ratio v)`.
-
-Exact for an input that runs straight through the interval. At rest `z = x`, `v = 0`. Behind modes it goes once a period, by the values at the ends of periods."
-    }
-}
-
-impl SyntheticCases for CreepPolePair {}
 
 /// Slowest natural frequency that a data set shows: a quarter of a turn in its longest record.
 fn slowest_rad_s(overview: &Overview) -> f64 {

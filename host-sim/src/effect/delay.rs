@@ -5,12 +5,8 @@
 //! exact there without sub-intervals. Where something between the two moves inside the period or has a clock
 //! of its own, the delay stands where it acts and the period is divided.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::{EffectInstance, Model};
+use crate::physics::*;
 use std::collections::VecDeque;
 
 /// Identifier in files and on the command line.
@@ -47,7 +43,7 @@ impl Stage for DelayStage {
 /// The delay that the vibration stage takes in, s.
 pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
     let delay = model.effect(ID)?;
-    model.effect(super::vibration::ID)?;
+    model.effect(id::VIBRATION)?;
     let passes_steps_on = |e: &EffectInstance| {
         let place = e.effect.declaration().place;
         // Friction acts on the moving mass, in the vibration stage.
@@ -56,7 +52,7 @@ pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
         let without_clock = matches!(
             place,
             Place::AmplifierSaturation | Place::Charge | Place::Hysteresis
-        ) && e.effect.definition().is_none();
+        ) && e.effect.declaration().definition.is_none();
         behind_or_itself || without_clock
     };
     model
@@ -66,17 +62,28 @@ pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
         .then(|| delay.parameters[0].value)
 }
 
-impl Physics for Delay {
+impl Effect for Delay {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Converters and computation take time: the drive acts a fixed time after it was written.".into(),
             reference: "Franklin, Powell, Workman, Digital Control of Dynamic Systems (1998)".into(),
-            place: Place::Delay,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "a multisine: phase that falls in proportion to frequency at flat gain".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the rate of the drive and changes sign with it.",
+            },
+            planted: Planted::InPairs,
+            equations: r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
+
+Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
+part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
+
+Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
+`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`.",
+            ..Declaration::at(Place::Delay)
         }
     }
 
@@ -91,20 +98,20 @@ impl Physics for Delay {
         )]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let dt_s = 1.0 / overview.sample_rate_max_hz;
+        vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
+    }
+
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         // Where the drive runs straight, what the stage makes of two ends is no mean but the place between
         // them.
-        if taken_in_s(model).is_some() && !setting.runs_straight {
+        if taken_in_s(from.model).is_some() && !from.setting.runs_straight {
             return None;
         }
-        let intervals = (values[0] / setting.dt_s).max(0.0);
+        let intervals = (from.values[0] / from.setting.dt_s).max(0.0);
         let whole = intervals.floor();
-        let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
+        let line = std::iter::repeat_n(from.model.drive_min_v, whole as usize + 1).collect();
         Some(Box::new(DelayStage {
             line,
             late_share: intervals - whole,
@@ -130,53 +137,14 @@ impl Physics for Delay {
         // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before
         // the period is.
         if dt_s > 60e-6 {
-            super::substeps_inside_period(dt_s).max(2)
+            substeps_inside_period(dt_s).max(2)
         } else {
             1
         }
     }
-}
 
-impl Estimation for Delay {}
-
-impl SearchHints for Delay {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let dt_s = 1.0 / overview.sample_rate_max_hz;
-        vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
-    }
-}
-
-impl Presentation for Delay {
-    fn equations(&self) -> &'static str {
-        r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
-
-Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
-part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
-
-Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
-`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the rate of the drive and changes sign with it.",
-        }
-    }
-}
-
-impl SyntheticCases for Delay {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![50e-6 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![50e-6 * case.strength])
     }
 }
 

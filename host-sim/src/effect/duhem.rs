@@ -1,11 +1,7 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Coleman-Hodgdon form of the Duhem model.
 pub struct Duhem;
@@ -17,8 +13,7 @@ struct DuhemStage {
     elastic_um: f64,
     output: f64,
     last: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
 }
 
 impl DuhemStage {
@@ -29,15 +24,14 @@ impl DuhemStage {
             elastic_um: values[2],
             output: 0.0,
             last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
         }
     }
 }
 
 impl Stage for DuhemStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let change = x - self.last;
         // w' = approach |x'| (slope x - w) + elastic x': linear in w along a monotone piece, with a straight
         // x.
@@ -59,32 +53,26 @@ impl Stage for DuhemStage {
             approach: self.approach,
             slope: self.slope_um,
             elastic: self.elastic_um,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
-impl Loops for DuhemStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
-}
+impl Loops for DuhemStage {}
 
-impl Physics for Duhem {
+impl Effect for Duhem {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "duhem".into(),
             physics: "Rising and falling drive approach one line from two sides.".into(),
             reference: "Coleman and Hodgdon, Int. J. Eng. Sci. 24 (1986) 897-919".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow sines of several amplitudes".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
+
+Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
+`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -97,48 +85,12 @@ impl Physics for Duhem {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DuhemStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(DuhemStage::new(model, values)))
-    }
-}
-
-impl Estimation for Duhem {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for Duhem {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         vec![vec![3.0, scale, 0.7 * scale]]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(DuhemStage::new(from.model, from.values)))
     }
 }
-
-impl Presentation for Duhem {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
-
-Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
-`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`."
-    }
-}
-
-impl SyntheticCases for Duhem {}

@@ -32,11 +32,7 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
-use super::{
-    Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 use nalgebra::DMatrix;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use serde::Deserialize;
@@ -88,12 +84,10 @@ struct StateEntry {
 /// An effect defined by expressions.
 #[derive(Clone, Debug)]
 pub struct ExpressionEffect {
-    text: String,
     declaration: Declaration,
     parameters: Vec<Parameter>,
     starts: Vec<Vec<f64>>,
     initial: Vec<f64>,
-    auxiliary: Vec<String>,
     derivatives: Vec<Formula>,
     output: Formula,
 }
@@ -227,21 +221,25 @@ impl ExpressionEffect {
             .iter()
             .map(derivative)
             .collect::<Result<Vec<_>, _>>()?;
+        let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
         Ok(Self {
-            text: text.to_string(),
             declaration: Declaration {
                 id: file.id,
                 physics: file.physics,
                 reference: file.reference,
-                place,
-                modifies: None,
                 experiment: file.experiment,
-                candidate: true,
                 one_sided: file.one_sided,
+                follows_record: !file.auxiliary.is_empty()
+                    || derivatives
+                        .iter()
+                        .chain([&output])
+                        .any(|formula| formula.uses(drive)),
+                auxiliary: file.auxiliary,
+                definition: Some(text.to_string()),
+                ..Declaration::at(place)
             },
             parameters,
             starts,
-            auxiliary: file.auxiliary,
             initial: file.state.iter().map(|s| s.initial).collect(),
             derivatives,
             output,
@@ -410,50 +408,31 @@ impl Stage for ExpressionStage<'_> {
     }
 }
 
-impl Physics for ExpressionEffect {
+impl Effect for ExpressionEffect {
     fn declaration(&self) -> Declaration {
         self.declaration.clone()
-    }
-
-    fn definition(&self) -> Option<&str> {
-        Some(&self.text)
     }
 
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         self.parameters.clone()
     }
 
-    fn auxiliary(&self) -> &[String] {
-        &self.auxiliary
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        self.starts.clone()
     }
 
-    fn follows_record(&self) -> bool {
-        let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
-        !self.auxiliary.is_empty()
-            || self
-                .derivatives
-                .iter()
-                .chain([&self.output])
-                .any(|formula| formula.uses(drive))
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let recorded = setting.signals;
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let recorded = from.setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
-        for (i, name) in self.auxiliary.iter().enumerate() {
+        for (i, name) in self.declaration.auxiliary.iter().enumerate() {
             let found = recorded
                 .auxiliary
                 .iter()
                 .find(|signal| signal.name == *name);
             signals.push((GIVEN.len() + i, found.map_or(&[], |signal| &signal.values)));
         }
-        let mut all = vec![0.0; GIVEN.len() + self.auxiliary.len()];
-        all.extend_from_slice(values);
+        let mut all = vec![0.0; GIVEN.len() + self.declaration.auxiliary.len()];
+        all.extend_from_slice(from.values);
         let states = all.len()..all.len() + self.initial.len();
         all.extend_from_slice(&self.initial);
         let mut stage = ExpressionStage {
@@ -461,13 +440,13 @@ impl Physics for ExpressionEffect {
             values: all,
             states,
             input: 0.0,
-            setting: *setting,
+            setting: *from.setting,
             parts: 1,
             units: vec![1.0; self.initial.len()],
             signals,
             room: Vec::new(),
         };
-        match parts_for(stage.rate_at_rest() * setting.dt_s) {
+        match parts_for(stage.rate_at_rest() * from.setting.dt_s) {
             Some(parts) => stage.parts = parts,
             // The first step gives NaN, where the caller can name the record.
             None => stage.values[stage.states.clone()].fill(f64::NAN),
@@ -475,18 +454,6 @@ impl Physics for ExpressionEffect {
         Some(Box::new(stage))
     }
 }
-
-impl Estimation for ExpressionEffect {}
-
-impl SearchHints for ExpressionEffect {
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        self.starts.clone()
-    }
-}
-
-impl Presentation for ExpressionEffect {}
-
-impl SyntheticCases for ExpressionEffect {}
 
 #[cfg(test)]
 mod tests {
@@ -497,6 +464,20 @@ mod tests {
         Setting::of_held_drive(0.0, 1.0, dt_s)
     }
 
+    fn stage_of<'a>(
+        effect: &ExpressionEffect,
+        values: &[f64],
+        setting: &Setting<'a>,
+    ) -> Box<dyn Stage + 'a> {
+        let model = &Model::new(0.0, 1.0);
+        let from = Build {
+            model,
+            values,
+            setting,
+        };
+        effect.stage(&from).unwrap()
+    }
+
     #[test]
     fn a_written_lag_is_the_built_in_lag() {
         let effect = ExpressionEffect::from_toml(
@@ -505,9 +486,7 @@ mod tests {
         .unwrap();
         // The third is sixty times as fast as the sampling.
         for (tau_s, dt_s) in [(1e-3, 1e-4), (1e-4, 1e-4), (1e-3, 0.06)] {
-            let mut stage = effect
-                .stage(&Model::new(0.0, 1.0), &[tau_s], &setting(dt_s))
-                .unwrap();
+            let mut stage = stage_of(&effect, &[tau_s], &setting(dt_s));
             for k in 0..50 {
                 let t = f64::from(k + 1) * dt_s;
                 let y = stage.step(k as usize, t);
@@ -518,9 +497,7 @@ mod tests {
                 );
             }
         }
-        let mut stage = effect
-            .stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1))
-            .unwrap();
+        let mut stage = stage_of(&effect, &[1e-6], &setting(0.1));
         assert!(
             stage.step(0, 1.0).is_nan(),
             "a state that cannot be followed is abandoned, not followed wrongly"
@@ -541,9 +518,7 @@ mod tests {
         let (dt_s, zeta) = (5e-5, 0.02);
         let steps = |per: f64| -> Vec<f64> {
             let effect = written_mode(per);
-            let mut stage = effect
-                .stage(&Model::new(0.0, 1.0), &[zeta], &setting(dt_s))
-                .unwrap();
+            let mut stage = stage_of(&effect, &[zeta], &setting(dt_s));
             stage.settle(1.0);
             (0..400).map(|k| stage.step(k, 1.0)).collect()
         };
@@ -568,7 +543,8 @@ mod tests {
     fn recorded_signals_are_known_by_name_on_every_sub_interval() {
         let text = "id = \"warm\"\nplace = \"drift\"\nauxiliary = [\"temperature_c\"]\noutput = \"x + temperature_c + 10 * u + 100 * force\"\n";
         let effect = ExpressionEffect::from_toml(text).unwrap();
-        assert!(effect.follows_record() && effect.auxiliary() == ["temperature_c"]);
+        let declaration = effect.declaration();
+        assert!(declaration.follows_record && declaration.auxiliary == ["temperature_c"]);
         let auxiliary = [AuxiliarySignal {
             name: "temperature_c".into(),
             values: vec![1.0, 2.0],
@@ -578,17 +554,15 @@ mod tests {
             force_n: Some(&[5.0, 6.0]),
             auxiliary: &auxiliary,
         };
-        let mut stage = effect
-            .stage(
-                &Model::new(0.0, 1.0),
-                &[],
-                &Setting {
-                    substeps: 2,
-                    signals,
-                    ..setting(1e-3)
-                },
-            )
-            .unwrap();
+        let mut stage = stage_of(
+            &effect,
+            &[],
+            &Setting {
+                substeps: 2,
+                signals,
+                ..setting(1e-3)
+            },
+        );
         let found: Vec<f64> = (0..4).map(|k| stage.step(k, 0.5)).collect();
         assert_eq!(found, [531.5, 531.5, 642.5, 642.5]);
     }

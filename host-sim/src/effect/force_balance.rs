@@ -9,45 +9,9 @@
 //! the last digits, and what a small force does is not hidden by the error of the steps.
 
 use super::arrival::{Arrival, Over};
-use super::vibration::ModeLaw;
-use super::{Setting, Stage};
-use crate::chain::Model;
+use super::mode::ModeLaw;
 use crate::linear_system::ContinuousSystem;
-
-/// Where a mass comes from, where it is and how fast.
-#[derive(Clone, Copy, Debug)]
-pub struct Travel {
-    /// Where the memory of the force was made, um.
-    pub from_um: f64,
-    /// Where the mass is, um.
-    pub to_um: f64,
-    /// Its velocity there over the natural frequency, um.
-    pub speed_um: f64,
-}
-
-/// A force that the moving mass works against.
-pub trait RestoringForce: Send {
-    /// The force at the end of a way, as the displacement that it makes at rest, um, and what it remembers
-    /// there; a way is short, and goes one way.
-    fn held(&self, memory: f64, way: Travel) -> (f64, f64);
-
-    /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is
-    /// held.
-    fn at_rest(&self, at_um: f64) -> (f64, f64) {
-        self.held(
-            0.0,
-            Travel {
-                from_um: 0.0,
-                to_um: at_um,
-                speed_um: 0.0,
-            },
-        )
-    }
-
-    /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so
-    /// much, in units of the spring's own stiffness.
-    fn stiffening(&self, memory: f64, swing_um: f64) -> f64;
-}
+use crate::physics::*;
 
 /// The forces of a model, in the order of its effects, and the friction of its guide among them; empty where
 /// friction is the only force.
@@ -55,9 +19,12 @@ pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn Restori
     let mut forces: Vec<Box<dyn RestoringForce>> = model
         .effects
         .iter()
-        .filter_map(|e| e.effect.restoring_force(model, &e.values(), setting))
+        .filter_map(|e| e.restoring_force(model, setting))
         .collect();
-    if let (false, Some(bristle)) = (forces.is_empty(), super::friction::Bristle::of(model)) {
+    if let (false, Some(bristle)) = (
+        forces.is_empty(),
+        super::friction::Bristle::from_model(model),
+    ) {
         forces.push(Box::new(bristle));
     }
     forces
@@ -111,7 +78,7 @@ impl Balance {
             .sum()
     }
 
-    /// The same, half way: what is remembered there is kept.
+    /// The sum of the forces half way: what is remembered there is kept.
     fn tried_midway(&mut self, from_um: f64, to: [f64; 2]) -> f64 {
         let way = self.way(from_um, to);
         let mut sum = 0.0;
@@ -257,7 +224,7 @@ struct Transition<const N: usize> {
 }
 
 impl<const N: usize> Transition<N> {
-    fn of(system: &ContinuousSystem, dt_s: f64, arrival: Arrival) -> Self {
+    fn over_interval(system: &ContinuousSystem, dt_s: f64, arrival: Arrival) -> Self {
         let Over { phi, start, end } = arrival.over(system, dt_s);
         let (_, powers) = system.quadratic_matrices(dt_s);
         Self {
@@ -338,7 +305,7 @@ impl<const N: usize> Balanced<N> {
         };
         let too_fast = law.natural_frequency_rad_s * dt_s > RINGING_MAX_RAD;
         Self {
-            behind: too_fast.then(|| Transition::of(&system, dt_s, arrival)),
+            behind: too_fast.then(|| Transition::over_interval(&system, dt_s, arrival)),
             system,
             read,
             natural_frequency_rad_s: law.natural_frequency_rad_s,
@@ -401,7 +368,7 @@ impl<const N: usize> Balanced<N> {
         let (count, piece) = &*segment.levels[halvings].get_or_insert_with(|| {
             let count = fewest * f64::from(1_u32 << halvings);
             let piece_s = segment.length_s / count;
-            let over = |dt_s: f64| Transition::of(system, dt_s, segment.arrival);
+            let over = |dt_s: f64| Transition::over_interval(system, dt_s, segment.arrival);
             (
                 count as usize,
                 Box::new(Piece {
@@ -531,19 +498,19 @@ pub(super) struct RestingPlace {
 }
 
 impl RestingPlace {
-    /// The stage of one force alone; none in a model with inertia, where the force holds the moving mass.
+    /// The stage of the force of one effect; none in a model with inertia, where the force holds the moving
+    /// mass.
     pub(super) fn without_inertia<'a>(
-        model: &Model,
-        force: impl FnOnce() -> Box<dyn RestoringForce>,
+        effect: &dyn Effect,
+        from: &Build,
     ) -> Option<Box<dyn Stage + 'a>> {
-        let alone = || Self {
-            balance: Balance::new(vec![force()], 1.0),
+        if from.model.effect(id::VIBRATION).is_some() {
+            return None;
+        }
+        Some(Box::new(Self {
+            balance: Balance::new(vec![effect.restoring_force(from)?], 1.0),
             displacement_um: 0.0,
-        };
-        model
-            .effect(super::vibration::ID)
-            .is_none()
-            .then(|| Box::new(alone()) as Box<dyn Stage>)
+        }))
     }
 }
 
@@ -600,7 +567,7 @@ mod tests {
     const DAMPER: [f64; 3] = [0.5, 2.0, 5.0];
     const BOUC_WEN: [f64; 4] = [0.4, 0.5, -0.2, 1.0];
 
-    /// The same equations by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
+    /// The force balance by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
     /// sampling.
     fn integrated(
         drive_v: &[f64],

@@ -8,13 +8,8 @@
 //! bristle. Where the model has inertia, the vibration stage takes the bristle in: it then holds the moving
 //! mass, and a small motion inside the presliding range sees it as an additional spring.
 
-use super::force_balance::{RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
 use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction, SLIDES_WITHIN};
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "friction";
@@ -38,7 +33,7 @@ pub(super) struct Bristle {
 
 impl Bristle {
     /// The bristle of `model`, if it has one.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
         let breakaway_ratio = (value(2) > 0.0).then_some(value(2));
@@ -56,7 +51,7 @@ impl Bristle {
         let dahl = contact
             .breakaway_ratio
             .is_none()
-            .then(|| Dahl::of(sliding_bend));
+            .then(|| Dahl::with_sliding_bend(sliding_bend));
         Self {
             contact,
             dahl,
@@ -223,17 +218,27 @@ impl Stage for FrictionStage {
     }
 }
 
-impl Physics for Friction {
+impl Effect for Friction {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Dry friction in the guide holds the stage at every reversal until the force breaks it away.".into(),
             reference: "thesis Ch. 3, Eqs. 1-6 (presliding); Dupont et al., IEEE Trans. Autom. Control 47 (2002)".into(),
-            place: Place::Friction,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "small slow triangles around several positions: plateaus behind each reversal".into(),
-            candidate: true,
             one_sided: true,
+            costly: true,
+            picture: Picture {
+                against: Against::TimeSinceTurn,
+                caption: "Friction holds the motion back just after the drive turns, then lets go.",
+            },
+            planted: Planted::InPairs,
+            equations: r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
+`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
+
+Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
+that is divided where the mass sticks and slides. No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -251,23 +256,6 @@ impl Physics for Friction {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
-        if model.effect(super::vibration::ID).is_some() {
-            return None;
-        }
-        Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
-    }
-}
-
-impl Estimation for Friction {}
-
-impl SearchHints for Friction {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let mut out = Vec::new();
         for share in [0.002, 0.01] {
@@ -278,40 +266,17 @@ impl SearchHints for Friction {
         out
     }
 
-    fn costly(&self) -> bool {
-        true
-    }
-}
-
-impl Presentation for Friction {
-    fn equations(&self) -> &'static str {
-        r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
-`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
-
-Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
-that is divided where the mass sticks and slides. No export does this."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::TimeSinceTurn,
-            caption: "Friction holds the motion back just after the drive turns, then lets go.",
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
+        if from.model.effect(id::VIBRATION).is_some() {
+            return None;
         }
-    }
-}
-
-impl SyntheticCases for Friction {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
+        Bristle::from_model(from.model)
+            .map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.03 * strength, 1.0 * (0.8 + 0.4 * random())])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.03 * case.strength, case.about(1.0)])
     }
 }
 

@@ -11,7 +11,7 @@
 
 use super::arrival::Arrival;
 use super::friction::Bristle;
-use super::vibration::{ModeLaw, Motion, Propagator, Within};
+use super::mode::{ModeLaw, Motion, Propagator, Within};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.7;
@@ -104,7 +104,7 @@ impl HeldMass {
             bristle,
             law: *law,
             arrival,
-            way: Way::of(&bristle, law, dt_s, arrival, at_rest),
+            way: Way::from_law(&bristle, law, dt_s, arrival, at_rest),
         }
     }
 
@@ -191,7 +191,13 @@ impl HeldMass {
 }
 
 impl Way {
-    fn of(bristle: &Bristle, law: &ModeLaw, dt_s: f64, arrival: Arrival, at_rest: f64) -> Self {
+    fn from_law(
+        bristle: &Bristle,
+        law: &ModeLaw,
+        dt_s: f64,
+        arrival: Arrival,
+        at_rest: f64,
+    ) -> Self {
         let angle = law.natural_frequency_rad_s * dt_s;
         // A mode that is damped so much that it creeps back does that the more slowly the more it is damped.
         let stiffening = bristle.stiffening();
@@ -205,7 +211,7 @@ impl Way {
         let (piece_s, stretch_s) = (dt_s / count, dt_s / stretches);
         let enters = match arrival {
             Arrival::Late(share) if share > 0.0 => {
-                Enters::Late(Switch::of(law, piece_s, share * count, at_rest))
+                Enters::Late(Switch::from_law(law, piece_s, share * count, at_rest))
             }
             Arrival::Late(_) => Enters::AtOnce,
             Arrival::Gliding(_) | Arrival::Straight => Enters::Gliding(Glide {
@@ -248,7 +254,7 @@ impl Way {
 }
 
 impl Switch {
-    fn of(law: &ModeLaw, piece_s: f64, late_pieces: f64, at_rest: f64) -> Self {
+    fn from_law(law: &ModeLaw, piece_s: f64, late_pieces: f64, at_rest: f64) -> Self {
         let arrival = Arrival::Late(late_pieces.fract());
         Self {
             piece: late_pieces as usize,
@@ -464,7 +470,7 @@ mod tests {
         }
     }
 
-    /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx`
+    /// Mass and bristle by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx`
     /// at its mass; where the force follows the drive with a time constant, that as well.
     fn integrated(
         law: &ModeLaw,

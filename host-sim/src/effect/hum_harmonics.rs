@@ -6,12 +6,8 @@
 //! drive whose harmonics fall on the same lines would lend them what the loops leave, so they are proposed
 //! only where a line is seen while the drive stands still ([`SearchHints::speaks_for_it`]).
 
-use super::mains_hum::{self, lines_stage};
-use super::{
-    Against, Declaration, Estimation, LinesAtRest, Overview, Parameter, Physics, Picture, Place,
-    Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use super::mains_hum::lines_stage;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "hum_harmonics";
@@ -27,19 +23,25 @@ const USUAL_HZ: f64 = 50.0;
 /// that are half of that from one another.
 const NEAR_HZ: f64 = 1.0;
 
-impl Physics for HumHarmonics {
+impl Effect for HumHarmonics {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
-                    .into(),
+            "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
+            .into(),
             reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
-            place: Place::Hum,
-            modifies: Some(mains_hum::ID),
+            modifies: Some(id::MAINS_HUM),
             experiment: "rest at constant drive for two seconds".into(),
-            candidate: true,
-            one_sided: false,
+            beside: Some(id::MAINS_HUM),
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
+            },
+            planted: Planted::Never,
+            equations: r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample.",
+            goes_by_ends: true,
+            ..Declaration::at(Place::Hum)
         }
     }
 
@@ -58,41 +60,24 @@ impl Physics for HumHarmonics {
             .collect()
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        lines_stage(
-            &self.line_frequencies_hz(model, values),
-            values,
-            setting.dt_s,
-        )
-    }
-
-    fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
-        let mains_hz = model.values(mains_hum::ID).map_or(USUAL_HZ, |hum| hum[0]);
-        MULTIPLES
-            .iter()
-            .map(|multiple| f64::from(*multiple) * mains_hz)
-            .collect()
-    }
-}
-
-impl Estimation for HumHarmonics {}
-
-impl SearchHints for HumHarmonics {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![0.0; 2 * MULTIPLES.len()]]
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(mains_hum::ID).is_some()
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(
+            &self.line_frequencies_hz(from.model, from.values),
+            from.values,
+            from.setting.dt_s,
+        )
+    }
+
+    fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
+        let mains_hz = model.values(id::MAINS_HUM).map_or(USUAL_HZ, |hum| hum[0]);
+        MULTIPLES
+            .iter()
+            .map(|multiple| f64::from(*multiple) * mains_hz)
+            .collect()
     }
 
     fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
@@ -103,36 +88,12 @@ impl SearchHints for HumHarmonics {
                 .any(|multiple| (line - multiple).abs() < NEAR_HZ)
         })
     }
-}
 
-impl Presentation for HumHarmonics {
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
-        }
-    }
-}
-
-impl SyntheticCases for HumHarmonics {
-    fn planted(&self) -> Planted {
-        Planted::Never
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(
             [0.002, 0.002, 0.003, 0.003]
                 .iter()
-                .map(|um| um * strength)
+                .map(|um| um * case.strength)
                 .chain([0.0; 2 * MULTIPLES.len() - 4])
                 .collect(),
         )

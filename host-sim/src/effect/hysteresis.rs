@@ -8,19 +8,16 @@
 use super::play_operators::PlayOperators;
 use super::rate_dependent_surfaces::RateOrders;
 use super::two_sided::TwoSidedMemory;
-use super::{
-    Against, CoefficientWalker, Declaration, Effect, Estimation, Loops, Overview, Parameter,
-    Physics, Picture, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases, bipolar,
-    rate_dependence,
-};
+use super::{bipolar, rate_dependence};
 use crate::block::Block;
-use crate::chain::Model;
 use crate::hysteresis_coefficients::CoefficientWalk;
-use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
+pub use crate::hysteresis_surface::degree_of;
+use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, coefficient_count, loop_terms};
+use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "hysteresis";
+pub const ID: &str = id::HYSTERESIS;
 
 /// Classical Preisach hysteresis in polynomial surfaces.
 pub struct Hysteresis {
@@ -33,20 +30,6 @@ impl Default for Hysteresis {
     fn default() -> Self {
         Self { degree: 4 }
     }
-}
-
-/// Number of coefficients of a loop surface.
-#[must_use]
-pub const fn coefficient_count(degree: usize) -> usize {
-    degree * (degree + 1) / 2
-}
-
-/// Degree of a loop surface with so many coefficients.
-#[must_use]
-pub fn degree_of(coefficients: usize) -> usize {
-    (1..)
-        .find(|d| coefficient_count(*d) >= coefficients)
-        .unwrap_or(1)
 }
 
 #[derive(Clone)]
@@ -77,13 +60,13 @@ struct HeldDrive {
 }
 
 impl HeldDrive {
-    fn of(model: &Model, setting: &Setting) -> Self {
+    fn from_model(model: &Model, setting: &Setting) -> Self {
         let lower_limit_v = bipolar::lower_limit_v(model);
         Self {
             lower_limit_v,
             range_v: model.drive_max_v - lower_limit_v,
-            rate: rate_dependence::RateLaw::of(model),
-            by_rate: model.effect(super::rate_dependent_surfaces::ID).is_some(),
+            rate: rate_dependence::RateLaw::from_model(model),
+            by_rate: model.effect(id::RATE_DEPENDENT_SURFACES).is_some(),
             last_drive_v: lower_limit_v,
             dt_s: setting.dt_s,
             substeps: setting.substeps,
@@ -201,9 +184,6 @@ impl Stage for HysteresisStage {
 }
 
 impl Loops for HysteresisStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         let stack = self.operator.stack();
         let remembered = stack
@@ -223,14 +203,14 @@ impl Loops for HysteresisStage {
 
 impl HysteresisStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
-        let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
+        let remnant = model.values(id::INITIAL_CURVE).unwrap_or_default();
         let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
-        let drive = HeldDrive::of(model, setting);
+        let drive = HeldDrive::from_model(model, setting);
         let mut stage = Self {
-            two_sided: TwoSidedMemory::of(model, &surfaces),
+            two_sided: TwoSidedMemory::from_model(model, &surfaces),
             operator: OneSidedHysteresis::virgin(surfaces, drive.lower_limit_v, drive.range_v),
-            plays: PlayOperators::of(model),
-            rate_orders: RateOrders::of(model),
+            plays: PlayOperators::from_model(model),
+            rate_orders: RateOrders::from_model(model),
             drive,
             zero_um: 0.0,
             output_um: 0.0,
@@ -280,7 +260,7 @@ impl Contributions {
         }
     }
 
-    /// The same of the initial ascending curve where it was left, or is.
+    /// Contributions to the initial ascending curve where it was left, or is.
     fn curve_at_maximum(&self) -> Vec<f64> {
         let mut out = self.walk.initial_curve_at_maximum();
         if let Some(plays) = &self.plays {
@@ -290,17 +270,41 @@ impl Contributions {
     }
 }
 
-impl Physics for Hysteresis {
+impl Effect for Hysteresis {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Domain switching makes the displacement depend on the extrema of the drive so far: loops that close and nest.".into(),
             reference: "thesis Ch. 4, Eqs. 12-15 with F(M) = G(M, 0); Mayergoyz, Mathematical Models of Hysteresis (1991)".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights with nested reversals".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 1,
+            starts_combine: true,
+            beside: Some(id::GAIN),
+            opening: Opening::OfItself,
+            picture: Picture {
+                against: Against::Drive,
+                caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
+            },
+            comes_with: &[id::INITIAL_CURVE],
+            equations: r"With `X = (x - low) / (drive_max_v - low)`, where `low = drive_min_v`, or `lower_limit_v` of `bipolar`:
+
+- loop surface `G(X, Z) = (X - Z) sum g_i_j_um P_i(X) P_j(Z)` over all `i + j < degree`; `n` coefficients make the least degree with `degree (degree + 1) / 2 >= n`;
+- `P_k` is the Legendre polynomial shifted to 0..1: `P_0 = 1`, `P_1 = 2 X - 1`, `(n + 1) P_{n+1} = (2 n + 1) (2 X - 1) P_n - n P_{n-1}`;
+- initial curve `F(X) = G(X, 0) + R(X)`, where `R` is that of `initial_curve`, or zero.
+
+**Memory.** Pairs of extrema `(M_1, m_1), (M_2, m_2), ..` with `M_1 > M_2 > ..` and `m_1 < m_2 < ..`, an open maximum `M` while the input falls, and the last input, which is 0 at first.
+A new input `X`
+
+1. above the last one: if there is an open maximum, it and the last input become the newest pair (the 129th is dropped), and no maximum is open. Then the newest pair is removed for as
+   long as `X >= M` of it;
+2. below the last one: if no maximum is open, the last input becomes it. Then, for as long as `X <= m` of the newest pair, the open maximum becomes `M` of that pair and the pair is removed;
+3. equal to it: nothing changes.
+
+**Output.** Without a pair and an open maximum `y = F(X)`. Otherwise `y = F(M_1) - sum_k [G(M_k, m_k) - G(N_k, m_k)]`, where `N_k` is the maximum behind `m_k`: `M_{k+1}`, then the open maximum, or
+`X` while the input rises on the last pair; less `G(M, X)` where a maximum `M` is open. Without a pair `M_1` is the open maximum.
+
+At rest the memory is that of one rise from 0 to `X`. The output is a force-equivalent displacement, um. `play_operators` add to it, then `rate_dependence` acts.",
+            ..Declaration::at(Place::Hysteresis)
         }
     }
 
@@ -311,66 +315,6 @@ impl Physics for Hysteresis {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(HysteresisStage::new(model, values, setting)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(HysteresisStage::new(model, values, setting)))
-    }
-
-    fn coefficient_walker(
-        &self,
-        model: &Model,
-        setting: &Setting,
-    ) -> Option<Box<dyn CoefficientWalker>> {
-        if model.effect(super::two_sided::ID).is_some() {
-            return None; // the surfaces act through the virgin part as well
-        }
-        let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
-        let (loops, curve) = (count(ID), count(super::initial_curve::ID));
-        // Of each play operator its weight, the first of its two values.
-        let plays = count(super::play_operators::ID) / 2;
-        let counts = [
-            (ID, loops, 1),
-            (super::initial_curve::ID, curve, 1),
-            (super::play_operators::ID, plays, 2),
-        ];
-        let walk = CoefficientWalk::virgin(degree_of(loops), curve);
-        let contributions = Contributions {
-            walk,
-            plays: PlayOperators::of(model),
-        };
-        Some(Box::new(SurfaceWalker {
-            counts,
-            contributions,
-            drive: HeldDrive::of(model, setting),
-            present: Vec::new(),
-        }))
-    }
-
-    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        let degree = degree_of(count);
-        (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
-    }
-}
-
-impl Estimation for Hysteresis {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for Hysteresis {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // A loop of 15 % of the range, as piezo stacks have: on the way down from x less is lost at first
         // than near zero.
@@ -394,76 +338,22 @@ impl SearchHints for Hysteresis {
             .collect()
     }
 
-    fn starts_combine(&self) -> bool {
-        true
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(HysteresisStage::new(
+            from.model,
+            from.values,
+            from.setting,
+        )))
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(super::gain::ID).is_some()
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        let degree = degree_of(count);
+        (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
     }
-
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-}
-
-impl Presentation for Hysteresis {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - low) / (drive_max_v - low)`, where `low = drive_min_v`, or `lower_limit_v` of `bipolar`:
-
-- loop surface `G(X, Z) = (X - Z) sum g_i_j_um P_i(X) P_j(Z)` over all `i + j < degree`; `n` coefficients make the least degree with `degree (degree + 1) / 2 >= n`;
-- `P_k` is the Legendre polynomial shifted to 0..1: `P_0 = 1`, `P_1 = 2 X - 1`, `(n + 1) P_{n+1} = (2 n + 1) (2 X - 1) P_n - n P_{n-1}`;
-- initial curve `F(X) = G(X, 0) + R(X)`, where `R` is that of `initial_curve`, or zero.
-
-**Memory.** Pairs of extrema `(M_1, m_1), (M_2, m_2), ..` with `M_1 > M_2 > ..` and `m_1 < m_2 < ..`, an open maximum `M` while the input falls, and the last input, which is 0 at first.
-A new input `X`
-
-1. above the last one: if there is an open maximum, it and the last input become the newest pair (the 129th is dropped), and no maximum is open. Then the newest pair is removed for as
-   long as `X >= M` of it;
-2. below the last one: if no maximum is open, the last input becomes it. Then, for as long as `X <= m` of the newest pair, the open maximum becomes `M` of that pair and the pair is removed;
-3. equal to it: nothing changes.
-
-**Output.** Without a pair and an open maximum `y = F(X)`. Otherwise `y = F(M_1) - sum_k [G(M_k, m_k) - G(N_k, m_k)]`, where `N_k` is the maximum behind `m_k`: `M_{k+1}`, then the open maximum, or
-`X` while the input rises on the last pair; less `G(M, X)` where a maximum `M` is open. Without a pair `M_1` is the open maximum.
-
-At rest the memory is that of one rise from 0 to `X`. The output is a force-equivalent displacement, um. `play_operators` add to it, then `rate_dependence` acts."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Drive,
-            caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
-        }
-    }
-}
-
-impl SyntheticCases for Hysteresis {
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[super::initial_curve::ID]
-    }
-}
-
-/// Inputs at which what stays is looked at.
-const BRANCH: u32 = 200;
-
-/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these
-/// values at most.
-pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
-    model.effect(ID)?;
-    let (_, height_um) = super::loops::widest_opening_and_height_um(model);
-    let stays = Surfaces::from_legendre(1, &[], remnant);
-    let most_um = (0..=BRANCH)
-        .map(|k| {
-            stays
-                .initial_ascending_curve(f64::from(k) / f64::from(BRANCH))
-                .abs()
-        })
-        .fold(0.0, f64::max);
-    Some(most_um / height_um)
 }
 
 /// Surfaces and play operators walking along the drive, every coefficient apart.
-struct SurfaceWalker {
+pub(crate) struct CoefficientWalker {
     /// Of each effect how many coefficients it has, and how far they stand from one another among its
     /// parameters.
     counts: [(&'static str, usize, usize); 3],
@@ -472,7 +362,33 @@ struct SurfaceWalker {
     present: Vec<f64>,
 }
 
-impl SurfaceWalker {
+impl CoefficientWalker {
+    /// Of the hysteresis in `model`; `None` without one, or where the surfaces act through the virgin part of
+    /// two-sided hysteresis as well.
+    pub(crate) fn from_model(model: &Model, setting: &Setting) -> Option<Self> {
+        if model.effect(id::TWO_SIDED).is_some() {
+            return None;
+        }
+        let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
+        let loops = model.effect(ID)?.parameters.len();
+        let curve = count(id::INITIAL_CURVE);
+        // Of each play operator its weight, the first of its two values.
+        let plays = count(id::PLAY_OPERATORS) / 2;
+        Some(Self {
+            counts: [
+                (ID, loops, 1),
+                (id::INITIAL_CURVE, curve, 1),
+                (id::PLAY_OPERATORS, plays, 2),
+            ],
+            contributions: Contributions {
+                walk: CoefficientWalk::virgin(degree_of(loops), curve),
+                plays: PlayOperators::from_model(model),
+            },
+            drive: HeldDrive::from_model(model, setting),
+            present: Vec::new(),
+        })
+    }
+
     fn next(&mut self, drive_v: f64) {
         let Some(rate_v_s) = self.drive.next(drive_v) else {
             return;
@@ -488,22 +404,25 @@ impl SurfaceWalker {
                 .for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
         }
     }
-}
 
-impl CoefficientWalker for SurfaceWalker {
-    fn coefficients(&self) -> Vec<(&'static str, usize)> {
+    /// The coefficients: effect and place among its parameters.
+    pub(crate) fn coefficients(&self) -> Vec<(&'static str, usize)> {
         self.counts
             .iter()
             .flat_map(|(id, count, apart)| (0..*count).map(|i| (*id, i * *apart)))
             .collect()
     }
-    fn settle(&mut self, input: f64, row: &mut [f64]) {
+
+    /// Puts the stage at rest for a constant input and fills the row.
+    pub(crate) fn settle(&mut self, input: f64, row: &mut [f64]) {
         self.drive.settle(input);
         self.contributions
             .step(self.drive.normalised(input), &mut self.present);
         row.copy_from_slice(&self.present);
     }
-    fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
+
+    /// Runs over inputs and fills a row for each.
+    pub(crate) fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
         let lanes = self.present.len().max(1);
         for (drive_v, row) in inputs.iter().zip(block.chunks_exact_mut(lanes)) {
             self.next(*drive_v);

@@ -5,12 +5,8 @@
 //! `h` depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an
 //! exponential of it.
 
-use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use super::force_balance::RestingPlace;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "hysteretic_stiffness";
@@ -108,30 +104,24 @@ impl RestoringForce for BoucWenSpring {
     }
 }
 
-impl HystereticStiffness {
-    fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
-        let neutral_um = model.neutral_um(setting);
-        Box::new(BoucWenSpring {
-            share: values[0],
-            beta: values[1],
-            gamma: values[2],
-            exponent: values[3],
-            neutral_um,
-        })
-    }
-}
-
-impl Physics for HystereticStiffness {
+impl Effect for HystereticStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Part of the spring slips inside: the force on the moving mass depends on where it turned last.".into(),
             reference: "Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249-263; Noel and Schoukens, hysteretic benchmark (2016)".into(),
-            place: Place::Friction,
-            modifies: Some(vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine or sweep around the resonance at several amplitudes, and slow sines".into(),
-            candidate: true,
-            one_sided: false,
+            beside: Some(id::VIBRATION),
+            picture: Picture {
+                against: Against::Displacement,
+                caption: "A force that depends on where the motion turned last.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[id::VIBRATION],
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -151,28 +141,6 @@ impl Physics for HystereticStiffness {
         ]
     }
 
-    fn restoring_force(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting,
-    ) -> Option<Box<dyn RestoringForce>> {
-        Some(Self::spring(model, values, setting))
-    }
-
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
-    }
-}
-
-impl Estimation for HystereticStiffness {}
-
-impl SearchHints for HystereticStiffness {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
         // Loops alone, loops that soften or harden, and loops that are closed early.
@@ -183,43 +151,25 @@ impl SearchHints for HystereticStiffness {
             .collect()
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for HystereticStiffness {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Displacement,
-            caption: "A force that depends on where the motion turned last.",
-        }
-    }
-}
-
-impl SyntheticCases for HystereticStiffness {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
+    fn restoring_force(&self, from: &Build) -> Option<Box<dyn RestoringForce>> {
+        let neutral_um = from.model.neutral_um(from.setting);
+        Some(Box::new(BoucWenSpring {
+            share: from.values[0],
+            beta: from.values[1],
+            gamma: from.values[2],
+            exponent: from.values[3],
+            neutral_um,
+        }))
     }
 
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        RestingPlace::without_inertia(self, from)
     }
 
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let per_um = 1.0 / stage.overview.range_um;
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let per_um = 1.0 / case.stage.overview.range_um;
         Some(vec![
-            0.1 * strength * (0.8 + 0.4 * random()),
+            case.about(0.1 * case.strength),
             4.0 * per_um,
             0.0,
             1.0,
@@ -231,7 +181,7 @@ impl SyntheticCases for HystereticStiffness {
 mod tests {
     use super::*;
 
-    /// The same equation by small steps of the way.
+    /// The equation of the spring by small steps of the way.
     fn by_euler(spring: &BoucWenSpring, mut h: f64, way_um: f64) -> f64 {
         let steps = 200_000;
         let step = way_um / f64::from(steps);

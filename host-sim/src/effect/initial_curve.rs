@@ -1,14 +1,11 @@
 //! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop removes.
 
-use super::{
-    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::hysteresis_surface::Surfaces;
+use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "initial_curve";
+pub const ID: &str = id::INITIAL_CURVE;
 
 /// Remnant `R(M)` of the one-sided model; the hysteresis stage adds it.
 pub struct InitialCurve {
@@ -23,18 +20,25 @@ impl Default for InitialCurve {
     }
 }
 
-impl Physics for InitialCurve {
+impl Effect for InitialCurve {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The first rise to a voltage never reached before switches domains that do not switch back: displacement remains."
-                .into(),
+            .into(),
             reference: "thesis Ch. 4, Eqs. 1, 10, 12-14".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "slow triangles of growing height from the virgin state".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 2,
+            starts_combine: true,
+            beside: Some(id::HYSTERESIS),
+            picture: Picture {
+                against: Against::Drive,
+                caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
+            },
+            equations: r"`R(X) = X sum r_k_um P_k(X)` in the `F` of `hysteresis`, with the same `X` and `P_k`.",
+            opening: Opening::OfModified,
+            ..Declaration::at(Place::Hysteresis)
         }
     }
 
@@ -45,27 +49,6 @@ impl Physics for InitialCurve {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-
-    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)
-    }
-}
-
-impl Estimation for InitialCurve {
-    fn fitting_rank(&self) -> usize {
-        2
-    }
-}
-
-impl SearchHints for InitialCurve {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         (0..self.terms)
             .map(|k| {
@@ -82,51 +65,40 @@ impl SearchHints for InitialCurve {
             .collect()
     }
 
-    fn starts_combine(&self) -> bool {
-        true
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(super::hysteresis::ID).is_some()
-    }
-
-    fn unlikely_because(&self, model: &Model, values: &[f64]) -> Option<String> {
-        let share = super::hysteresis::share_that_stays(model, values)?;
-        (share < super::loops::OF_DOMAINS).then(|| {
-            format!(
+    fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
+        let share = share_that_stays(model, values)?;
+        (share < crate::loop_opening::OF_DOMAINS).then(|| {
+            Doubt::Unlikely(format!(
                 "what stays of the first rise is {:.2} % of the height of the loops, of domains some per cent; what else goes slowly on its own way may look so",
                 100.0 * share
-            )
+            ))
         })
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        model
-            .ruled_out_because(super::hysteresis::ID)
-            .map(|_| "it belongs to loops, and there are none".into())
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(case.stage.remnant_um.clone())
     }
 }
 
-impl Presentation for InitialCurve {
-    fn equations(&self) -> &'static str {
-        r"`R(X) = X sum r_k_um P_k(X)` in the `F` of `hysteresis`, with the same `X` and `P_k`."
-    }
+/// Inputs at which what stays is looked at.
+const BRANCH: u32 = 200;
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Drive,
-            caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
-        }
-    }
-}
-
-impl SyntheticCases for InitialCurve {
-    fn values_at(
-        &self,
-        _strength: f64,
-        stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(stage.remnant_um.clone())
-    }
+/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these
+/// values at most.
+fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
+    model.effect(id::HYSTERESIS)?;
+    let (_, height_um) = crate::loop_opening::widest_opening_and_height_um(model);
+    let stays = Surfaces::from_legendre(1, &[], remnant);
+    let most_um = (0..=BRANCH)
+        .map(|k| {
+            stays
+                .initial_ascending_curve(f64::from(k) / f64::from(BRANCH))
+                .abs()
+        })
+        .fold(0.0, f64::max);
+    Some(most_um / height_um)
 }

@@ -4,13 +4,9 @@
 //! The surfaces are those of [`crate::hysteresis_surface`], in V over the share of a span of displacement;
 //! the displacement to a drive, which a model has to give, is found by [`crate::hysteresis_inverse`].
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
 use crate::hysteresis_inverse::HysteresisInverse;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "inverse_preisach";
@@ -37,7 +33,7 @@ impl InverseStage {
             .split_first()
             .map_or((1.0, &[][..]), |(span, terms)| (*span, terms));
         let (loops, curve) =
-            terms.split_at(super::hysteresis::coefficient_count(DEGREE).min(terms.len()));
+            terms.split_at(crate::hysteresis_surface::coefficient_count(DEGREE).min(terms.len()));
         let operator =
             OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, loops, curve), 0.0, span_um);
         Self {
@@ -52,28 +48,22 @@ impl Stage for InverseStage {
         // What the inverse calls the drive is the displacement here.
         self.inverse.step(input - self.lower_limit_v).drive_v
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
-impl Loops for InverseStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
-}
+impl Loops for InverseStage {}
 
-impl Physics for InversePreisach {
+impl Effect for InversePreisach {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The drive depends on the extrema of the displacement so far: the loops read the other way round.".into(),
             reference: "thesis Ch. 2, 3.1.4; Croft, Shed and Devasia, J. Dyn. Syst. Meas. Control 123 (2001) 35-43".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights with nested reversals".into(),
-            candidate: false,
-            one_sided: false,
+            tried_for_loops: false,
+            equations: r"The model of `hysteresis` and `initial_curve` with the roles turned round: the drive above `drive_min_v`, V, is the output of the surfaces `g_i_j_v`, `r_i_v` for the input `Y = y / span_um`.
+
+`y` is what takes that output to the drive, found with the memory of the displacements so far; beyond `0 <= y <= span_um` it stays at that end.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -88,59 +78,20 @@ impl Physics for InversePreisach {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(InverseStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(InverseStage::new(model, values)))
-    }
-}
-
-impl Estimation for InversePreisach {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for InversePreisach {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // A straight line with the loops of a piezo turned round: the drive lags behind the displacement the
         // other way.
         let span_um = SPAN * overview.range_um.max(1e-6);
         let scale = span_um / overview.gain_um_v.abs().max(1e-12);
-        let mut terms = vec![0.0; super::hysteresis::coefficient_count(DEGREE) + CURVE];
+        let mut terms = vec![0.0; crate::hysteresis_surface::coefficient_count(DEGREE) + CURVE];
         (terms[0], terms[1], terms[2]) = (scale, -0.1 * scale, 0.1 * scale);
         vec![std::iter::once(span_um).chain(terms).collect()]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-
-    fn is_tried_for_loops(&self) -> bool {
-        false
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(InverseStage::new(from.model, from.values)))
     }
 }
-
-impl Presentation for InversePreisach {
-    fn equations(&self) -> &'static str {
-        r"The model of `hysteresis` and `initial_curve` with the roles turned round: the drive above `drive_min_v`, V, is the output of the surfaces `g_i_j_v`, `r_i_v` for the input `Y = y / span_um`.
-
-`y` is what takes that output to the drive, found with the memory of the displacements so far; beyond `0 <= y <= span_um` it stays at that end."
-    }
-}
-
-impl SyntheticCases for InversePreisach {}
 
 #[cfg(test)]
 mod tests {
@@ -159,7 +110,7 @@ mod tests {
             let mut model = Model::new(0.0, 80.0);
             let values = InversePreisach.starts(&overview).remove(0);
             model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
-            let mut inverse = LoopInverse::of(&model, 1e-3).unwrap();
+            let mut inverse = LoopInverse::from_model(&model, 1e-3).unwrap();
             let mut operator = OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, &values[1..11], &values[11..]), 0.0, values[0]);
             for y in desired {
                 let (answer, drive_v) = (inverse.step(y), operator.step(y));

@@ -1,11 +1,7 @@
 //! External force on the actuator, taken from the measured force channel.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Displacement by a measured force through the compliance of the actuator.
 pub struct LoadForce;
@@ -29,15 +25,12 @@ impl Stage for LoadStage<'_> {
             compliance: self.compliance_um_n,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PassedOn))
     }
 }
 
-impl Physics for LoadForce {
+impl Effect for LoadForce {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "load_force".into(),
@@ -45,11 +38,15 @@ impl Physics for LoadForce {
             reference:
                 "thesis Ch. 2, Eq. 11; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)"
                     .into(),
-            place: Place::LoadForce,
-            modifies: None,
             experiment: "constant drive while the force changes and is recorded".into(),
-            candidate: true,
-            one_sided: false,
+            needs_force: true,
+            picture: Picture {
+                against: Against::Force,
+                caption: "An error that follows the measured force, whatever the drive does.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins.",
+            ..Declaration::at(Place::LoadForce)
         }
     }
 
@@ -63,22 +60,6 @@ impl Physics for LoadForce {
         )]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(LoadStage {
-            compliance_um_n: values[0],
-            setting: *setting,
-        }))
-    }
-}
-
-impl Estimation for LoadForce {}
-
-impl SearchHints for LoadForce {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         if overview.has_force {
             vec![vec![0.001 * overview.range_um.max(1e-6)]]
@@ -87,35 +68,14 @@ impl SearchHints for LoadForce {
         }
     }
 
-    fn needs_force(&self) -> bool {
-        true
-    }
-}
-
-impl Presentation for LoadForce {
-    fn equations(&self) -> &'static str {
-        r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(LoadStage {
+            compliance_um_n: from.values[0],
+            setting: *from.setting,
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Force,
-            caption: "An error that follows the measured force, whatever the drive does.",
-        }
-    }
-}
-
-impl SyntheticCases for LoadForce {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.02 * case.strength])
     }
 }

@@ -8,11 +8,7 @@
 //! `settling_time_s` the creep ends.
 
 use super::creep::stage_of_terms;
-use super::{
-    Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Place, Presentation,
-    SearchHints, Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "logarithmic_creep";
@@ -56,19 +52,21 @@ fn flat(values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-impl Physics for LogarithmicCreep {
+impl Effect for LogarithmicCreep {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "Domains of all activation energies go on switching: the displacement creeps by the same share in every decade of time."
-                    .into(),
+            "Domains of all activation energies go on switching: the displacement creeps by the same share in every decade of time."
+            .into(),
             reference: "thesis Ch. 2, Eq. 4; Vieira, IBM J. Res. Dev. 30 (1986) 553-563".into(),
-            place: Place::Creep,
-            modifies: None,
             experiment: "steps of several heights, each held for ten seconds or more".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 4,
+            equations: r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
+
+It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms. They have `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))` and `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`. The last share is half of that.",
+            goes_by_ends: true,
+            ..Declaration::on_request(Place::Creep)
         }
     }
 
@@ -82,17 +80,16 @@ impl Physics for LogarithmicCreep {
         ]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let longest_s = overview.duration_s.max(1e-3);
+        [1e-3, 1e-2, 0.1]
+            .iter()
+            .map(|share| vec![0.01, share * longest_s, 100.0 * longest_s])
+            .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(stage_of_terms(&flat(values), setting.dt_s))
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(stage_of_terms(&flat(from.values), from.setting.dt_s))
     }
 
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
@@ -105,36 +102,6 @@ impl Physics for LogarithmicCreep {
             .collect()
     }
 }
-
-impl Estimation for LogarithmicCreep {
-    fn answers_drive_by(&self) -> Vec<usize> {
-        vec![0]
-    }
-
-    fn fitting_rank(&self) -> usize {
-        4
-    }
-}
-
-impl SearchHints for LogarithmicCreep {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let longest_s = overview.duration_s.max(1e-3);
-        [1e-3, 1e-2, 0.1]
-            .iter()
-            .map(|share| vec![0.01, share * longest_s, 100.0 * longest_s])
-            .collect()
-    }
-}
-
-impl Presentation for LogarithmicCreep {
-    fn equations(&self) -> &'static str {
-        r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
-
-It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms. They have `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))` and `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`. The last share is half of that."
-    }
-}
-
-impl SyntheticCases for LogarithmicCreep {}
 
 #[cfg(test)]
 mod tests {

@@ -1,19 +1,14 @@
 //! Mains hum: a line at the mains frequency in the sensor signal, whatever the drive does.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn,
-    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
-    SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated
 /// for every record.
 pub struct MainsHum;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "mains_hum";
+pub const ID: &str = id::MAINS_HUM;
 
 /// Frequencies that mains may have, Hz.
 const LOWEST_HZ: f64 = 45.0;
@@ -92,17 +87,21 @@ pub(super) fn lines_stage<'a>(
     (!lines.is_empty()).then(|| Box::new(LinesStage(lines)) as Box<dyn Stage + 'a>)
 }
 
-impl Physics for MainsHum {
+impl Effect for MainsHum {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Stray fields of the mains couple into the sensor: a line at the mains frequency, present at rest too.".into(),
             reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
-            place: Place::Hum,
-            modifies: None,
             experiment: "rest at constant drive for a second".into(),
-            candidate: true,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`.",
+            goes_by_ends: true,
+            ..Declaration::at(Place::Hum)
         }
     }
 
@@ -115,27 +114,6 @@ impl Physics for MainsHum {
         ]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        lines_stage(&values[..1], &values[1..], setting.dt_s)
-    }
-
-    fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
-        vec![values[0]]
-    }
-}
-
-impl Estimation for MainsHum {}
-
-impl SearchHints for MainsHum {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let amplitude = 0.001 * overview.range_um;
         let mut out = Vec::new();
@@ -150,6 +128,14 @@ impl SearchHints for MainsHum {
         out
     }
 
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(&from.values[..1], &from.values[1..], from.setting.dt_s)
+    }
+
+    fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
+        vec![values[0]]
+    }
+
     fn speaks_for_it(&self, _model: &Model, at_rest: &LinesAtRest) -> bool {
         at_rest.samples < SHOWS_WEAK_LINES
             || at_rest
@@ -157,33 +143,9 @@ impl SearchHints for MainsHum {
                 .iter()
                 .any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
     }
-}
 
-impl Presentation for MainsHum {
-    fn equations(&self) -> &'static str {
-        r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
-        }
-    }
-}
-
-impl SyntheticCases for MainsHum {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![50.0, 0.007 * strength, 0.007 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![50.0, 0.007 * case.strength, 0.007 * case.strength])
     }
 }
 

@@ -1,10 +1,6 @@
 //! An added mass lowers the frequency and the damping ratio of the modes.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "mass_change";
@@ -21,17 +17,20 @@ pub fn frequency_factor(model: &Model) -> f64 {
         .map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
 }
 
-impl Physics for MassChange {
+impl Effect for MassChange {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "A load on the stage adds mass: every mode becomes slower and, with the same damper, less damped.".into(),
             reference: "thesis Ch. 7, loaded case".into(),
-            place: Place::Vibration,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine with and without the load".into(),
-            candidate: false,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"Natural frequency and damping ratio of every mode are multiplied by `1 / sqrt(max(1 + mass_ratio, 0.01))`.",
+            ..Declaration::on_request(Place::Vibration)
         }
     }
 
@@ -39,44 +38,11 @@ impl Physics for MassChange {
         vec![Parameter::linear("mass_ratio", "1", -0.9, 50.0, 0.01)]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for MassChange {}
-
-impl SearchHints for MassChange {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![0.0]]
     }
-}
 
-impl Presentation for MassChange {
-    fn equations(&self) -> &'static str {
-        r"Natural frequency and damping ratio of every mode are multiplied by `1 / sqrt(max(1 + mass_ratio, 0.01))`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for MassChange {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.1 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.1 * case.strength])
     }
 }

@@ -1,16 +1,17 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::block::{Block, Play};
-use crate::chain::Model;
+use super::play_operators::PlayOperators;
+use super::prandtl_ishlinskii::PlayStage;
+use crate::physics::*;
 
 /// Number of elasto-slide elements.
 const ELEMENTS: usize = 8;
 
 /// Linear spring less a sum of elasto-slide elements.
+///
+/// An element stretches by what its play operator stays behind the drive. The structure is therefore that of
+/// [`super::prandtl_ishlinskii`] on other thresholds, with the weights of Goldfarb and Celanovic: the play
+/// without a threshold has the gain less all stiffnesses, the others a stiffness each.
 pub struct MaxwellSlip;
 
 /// Stretch at which element `i` slips, in units of the drive range.
@@ -18,91 +19,16 @@ fn limit(i: usize) -> f64 {
     0.5 * (i + 1) as f64 / ELEMENTS as f64
 }
 
-#[derive(Clone)]
-struct SlipStage {
-    gain_um: f64,
-    stiffness_um: Vec<f64>,
-    stretch: Vec<f64>,
-    last: f64,
-    lower_limit_v: f64,
-    range_v: f64,
-}
-
-impl SlipStage {
-    fn new(model: &Model, values: &[f64]) -> Self {
-        Self {
-            gain_um: values[0],
-            stiffness_um: values[1..].to_vec(),
-            stretch: vec![0.0; values.len() - 1],
-            last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
-        }
-    }
-}
-
-impl Stage for SlipStage {
-    fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
-        let mut held = 0.0;
-        for (i, (stiffness, stretch)) in self.stiffness_um.iter().zip(&mut self.stretch).enumerate()
-        {
-            *stretch = (*stretch + x - self.last).clamp(-limit(i), limit(i));
-            held += stiffness * *stretch;
-        }
-        self.last = x;
-        self.gain_um * x - held
-    }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        let element = |(i, weight): (usize, &f64)| Play {
-            threshold: 0.5 * (i + 1) as f64 / ELEMENTS as f64,
-            weight: *weight,
-        };
-        let elements = self.stiffness_um.iter().enumerate().map(element).collect();
-        Some(vec![Block::Slip {
-            gain: self.gain_um,
-            elements,
-            lower: self.lower_limit_v,
-            span: self.range_v,
-        }])
-    }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
-}
-
-impl Loops for SlipStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
-    fn bends_v(&self, rising: bool) -> Vec<f64> {
-        // Where an element begins to slip.
-        let left = |(i, stretch): (usize, &f64)| {
-            if rising {
-                limit(i) - stretch
-            } else {
-                -limit(i) - stretch
-            }
-        };
-        self.stretch
-            .iter()
-            .enumerate()
-            .map(|element| self.lower_limit_v + self.range_v * (self.last + left(element)))
-            .collect()
-    }
-}
-
-impl Physics for MaxwellSlip {
+impl Effect for MaxwellSlip {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "maxwell_slip".into(),
             physics: "Elements that stretch and then slip hold part of the charge back: rate-independent loops.".into(),
             reference: "thesis Ch. 2, Eq. 3; Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
+At rest the elements follow `X` once from 0.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -116,31 +42,6 @@ impl Physics for MaxwellSlip {
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-}
-
-impl Estimation for MaxwellSlip {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for MaxwellSlip {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values = vec![1.1 * scale];
@@ -148,16 +49,53 @@ impl SearchHints for MaxwellSlip {
         vec![values]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        let (gain_um, stiffness_um) = from.values.split_first()?;
+        let straight_um = gain_um - stiffness_um.iter().sum::<f64>();
+        let elements = (0..).map(limit).zip(stiffness_um.iter().copied());
+        let plays: Vec<_> = std::iter::once((0.0, straight_um))
+            .chain(elements)
+            .collect();
+        Some(Box::new(PlayStage::of_plays(
+            from.model,
+            PlayOperators::new(&plays),
+        )))
     }
 }
 
-impl Presentation for MaxwellSlip {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
-At rest the elements follow `X` once from 0."
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Oracle: the elements of Goldfarb and Celanovic, each stretched by the drive up to where it slips.
+    #[test]
+    fn plays_are_elasto_slide_elements() {
+        let model = Model::new(-10.0, 90.0);
+        let stiffness_um = [0.3, -0.1, 0.2, 0.0, 0.4, 0.1, 0.05, 0.6];
+        let values = [&[8.0], &stiffness_um[..]].concat();
+        let setting = Setting::of_held_drive(-10.0, 90.0, 1e-3);
+        let from = Build {
+            model: &model,
+            values: &values,
+            setting: &setting,
+        };
+        let mut stage = MaxwellSlip.stage(&from).unwrap();
+        let (mut stretch, mut last) = ([0.0_f64; ELEMENTS], 0.0);
+        for k in 0..400_u32 {
+            let t = f64::from(k);
+            let drive_v = 40.0 + 50.0 * (0.07 * t).sin() * (0.011 * t).cos();
+            let x = (drive_v + 10.0) / 100.0;
+            let mut expected_um = 8.0 * x;
+            for (i, bent) in stretch.iter_mut().enumerate() {
+                *bent = (*bent + x - last).clamp(-limit(i), limit(i));
+                expected_um -= stiffness_um[i] * *bent;
+            }
+            last = x;
+            let y_um = stage.step(k as usize, drive_v);
+            assert!(
+                (y_um - expected_um).abs() < 1e-12,
+                "{k}: {y_um} {expected_um}"
+            );
+        }
     }
 }
-
-impl SyntheticCases for MaxwellSlip {}

@@ -1,12 +1,7 @@
 //! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow,
 //! with none of it as in dry friction.
 
-use super::force_balance::{RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "nonlinear_damping";
@@ -49,18 +44,26 @@ impl RestoringForce for Damper {
     }
 }
 
-impl Physics for NonlinearDamping {
+impl Effect for NonlinearDamping {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction."
-                .into(),
+            .into(),
             reference: "Elliott, Ghandchi Tehrani and Langley, Phil. Trans. R. Soc. A 373 (2015) 20140402".into(),
-            place: Place::Friction,
-            modifies: Some(vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
-            candidate: true,
             one_sided: true,
+            beside: Some(id::VIBRATION),
+            picture: Picture {
+                against: Against::Rate,
+                caption: "A force that does not grow in proportion to the velocity.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[id::VIBRATION],
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -73,32 +76,6 @@ impl Physics for NonlinearDamping {
         ]
     }
 
-    fn restoring_force(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting,
-    ) -> Option<Box<dyn RestoringForce>> {
-        Some(Box::new(Damper {
-            force_um: values[0],
-            exponent: values[1],
-            at_um: values[2],
-        }))
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None // without a mass nothing moves against it
-    }
-}
-
-impl Estimation for NonlinearDamping {}
-
-impl SearchHints for NonlinearDamping {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         [2.0, 0.2]
@@ -107,43 +84,18 @@ impl SearchHints for NonlinearDamping {
             .collect()
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for NonlinearDamping {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
+    fn restoring_force(&self, from: &Build) -> Option<Box<dyn RestoringForce>> {
+        Some(Box::new(Damper {
+            force_um: from.values[0],
+            exponent: from.values[1],
+            at_um: from.values[2],
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "A force that does not grow in proportion to the velocity.",
-        }
-    }
-}
-
-impl SyntheticCases for NonlinearDamping {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
-    }
-
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let half_um = 0.5 * stage.overview.range_um;
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let half_um = 0.5 * case.stage.overview.range_um;
         Some(vec![
-            0.05 * strength * (0.8 + 0.4 * random()) * half_um,
+            case.about(0.05 * case.strength) * half_um,
             2.0,
             half_um,
         ])

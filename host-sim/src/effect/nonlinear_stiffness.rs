@@ -3,12 +3,8 @@
 //! The force is a polynomial of the displacement from where the stage stands without voltage. A spring that
 //! gives way holds no less than the load at which it does: beyond, its force stays what it is there.
 
-use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
-};
-use crate::chain::Model;
+use super::force_balance::RestingPlace;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "nonlinear_stiffness";
@@ -108,30 +104,30 @@ impl RestoringForce for Spring {
     }
 }
 
-impl NonlinearStiffness {
-    fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
-        let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
-        Box::new(Spring::new(
-            [value(0), value(1), value(2)],
-            model.neutral_um(setting),
-        ))
-    }
-}
-
-impl Physics for NonlinearStiffness {
+impl Effect for NonlinearStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics:
-                "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
-                    .into(),
+            "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
+            .into(),
             reference: "Duffing oscillator: Kovacic and Brennan, The Duffing Equation (2011); Wigren and Schoukens, ECC (2013) 2933-2938"
-                .into(),
-            place: Place::Friction,
-            modifies: Some(vibration::ID),
+            .into(),
+            modifies: Some(id::VIBRATION),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
-            candidate: true,
-            one_sided: false,
+            starts_combine: true,
+            beside: Some(id::VIBRATION),
+            picture: Picture {
+                against: Against::Displacement,
+                caption: "A force that grows faster, or more slowly, than the displacement.",
+            },
+            // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+            planted: Planted::Never,
+            comes_with: &[id::VIBRATION],
+            equations: r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
+`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
+interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this.",
+            ..Declaration::at(Place::Friction)
         }
     }
 
@@ -156,28 +152,6 @@ impl Physics for NonlinearStiffness {
         ]
     }
 
-    fn restoring_force(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting,
-    ) -> Option<Box<dyn RestoringForce>> {
-        Some(Self::spring(model, values, setting))
-    }
-
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
-    }
-}
-
-impl Estimation for NonlinearStiffness {}
-
-impl SearchHints for NonlinearStiffness {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         vec![
@@ -186,50 +160,23 @@ impl SearchHints for NonlinearStiffness {
         ]
     }
 
-    fn starts_combine(&self) -> bool {
-        true
+    fn restoring_force(&self, from: &Build) -> Option<Box<dyn RestoringForce>> {
+        let value = |k: usize| from.values.get(k).copied().unwrap_or(0.0);
+        Some(Box::new(Spring::new(
+            [value(0), value(1), value(2)],
+            from.model.neutral_um(from.setting),
+        )))
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(vibration::ID).is_some()
-    }
-}
-
-impl Presentation for NonlinearStiffness {
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
-`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
-interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        RestingPlace::without_inertia(self, from)
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Displacement,
-            caption: "A force that grows faster, or more slowly, than the displacement.",
-        }
-    }
-}
-
-impl SyntheticCases for NonlinearStiffness {
-    fn planted(&self) -> Planted {
-        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
-        Planted::Never
-    }
-
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[vibration::ID]
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let half_um = 0.5 * stage.overview.range_um;
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let half_um = 0.5 * case.stage.overview.range_um;
         Some(vec![
             0.0,
-            0.05 * strength * (0.8 + 0.4 * random()) / (half_um * half_um),
+            case.about(0.05 * case.strength) / (half_um * half_um),
             0.0,
         ])
     }

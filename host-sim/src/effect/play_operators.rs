@@ -9,16 +9,12 @@
 //! elements are met by no grid, whose nearest thresholds leave a step at every turn; for those thresholds are
 //! set free (`finer_plays` of the library).
 
-use super::{
-    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation,
-    SearchHints, Setting, Stage, SyntheticCases,
-};
 use crate::block::Play;
-use crate::chain::Model;
+use crate::physics::*;
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "play_operators";
+pub const ID: &str = id::PLAY_OPERATORS;
 
 /// Elements that are carried side by side, and as many sums: one alone would wait for itself at every
 /// element.
@@ -61,8 +57,15 @@ impl PlayOperators {
         }
     }
 
+    /// Virgin operators of these weights, with thresholds evenly from zero towards half the range.
+    pub(super) fn evenly(weights: &[f64]) -> Self {
+        let threshold = |i: usize| 0.5 * i as f64 / weights.len() as f64;
+        let each = (0..).map(threshold).zip(weights.iter().copied());
+        Self::new(&each.collect::<Vec<_>>())
+    }
+
     /// The operators that `model` has beside its surfaces.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         Some(Self::new(
             &values
@@ -149,7 +152,7 @@ impl PlayOperators {
             .sum()
     }
 
-    /// The same for a unit weight of each element.
+    /// [`Self::initial_ascending_curve`] for a unit weight of each element.
     pub(super) fn initial_ascending_curves(&self, x: f64) -> impl Iterator<Item = f64> {
         self.each(move |threshold, _, _| rise(x, threshold))
     }
@@ -178,17 +181,18 @@ impl Default for PlayOperatorsBeside {
     }
 }
 
-impl Physics for PlayOperatorsBeside {
+impl Effect for PlayOperatorsBeside {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Backlash elements beside the smooth loops: kinks that depend only on how far the drive came back.".into(),
             reference: "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "slow triangles of several heights".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 2,
+            equations: r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each
+counts `weight_i_um max(M_1 - threshold_i, 0)`.",
+            ..Declaration::on_request(Place::Hysteresis)
         }
     }
 
@@ -203,31 +207,6 @@ impl Physics for PlayOperatorsBeside {
         (0..self.elements).flat_map(element).collect()
     }
 
-    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        (count > 0 && count.is_multiple_of(2)).then(|| {
-            Arc::new(Self {
-                elements: count / 2,
-            }) as Arc<dyn Effect>
-        })
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for PlayOperatorsBeside {
-    fn fitting_rank(&self) -> usize {
-        2
-    }
-}
-
-impl SearchHints for PlayOperatorsBeside {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         vec![
             (0..self.elements)
@@ -235,13 +214,12 @@ impl SearchHints for PlayOperatorsBeside {
                 .collect(),
         ]
     }
-}
 
-impl Presentation for PlayOperatorsBeside {
-    fn equations(&self) -> &'static str {
-        r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each
-counts `weight_i_um max(M_1 - threshold_i, 0)`."
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0 && count.is_multiple_of(2)).then(|| {
+            Arc::new(Self {
+                elements: count / 2,
+            }) as Arc<dyn Effect>
+        })
     }
 }
-
-impl SyntheticCases for PlayOperatorsBeside {}

@@ -1,11 +1,7 @@
 //! The major loop as two polynomials, one for a rising and one for a falling drive: no memory, so no minor
 //! loops.
 
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "polynomial_loop";
@@ -21,8 +17,7 @@ pub struct PolynomialLoop;
 struct PolynomialStage {
     middle_um: [f64; MIDDLE],
     opening_um: [f64; OPENING],
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
     last_v: f64,
     rising: bool,
 }
@@ -33,8 +28,7 @@ impl PolynomialStage {
         Self {
             middle_um: std::array::from_fn(value),
             opening_um: std::array::from_fn(|i| value(MIDDLE + i)),
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
             last_v: model.drive_min_v,
             rising: true,
         }
@@ -47,33 +41,27 @@ impl Stage for PolynomialStage {
             self.rising = input > self.last_v;
             self.last_v = input;
         }
-        let x = (input - self.lower_limit_v) / self.range_v;
+        let x = self.range.share(input);
         let polynomial = |c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * x + c);
         // Half of the opening vanishes at both ends, where the branches meet.
         let half = x * (1.0 - x) * polynomial(&self.opening_um);
         x * polynomial(&self.middle_um) + if self.rising { -half } else { half }
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
 impl Loops for PolynomialStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // A turn jumps to the other branch.
         let ahead = if rising { f64::EPSILON } else { -f64::EPSILON };
         if rising == self.rising {
             Vec::new()
         } else {
-            vec![self.last_v + ahead * self.range_v]
+            vec![self.last_v + ahead * self.range.span_v]
         }
     }
 }
 
-impl Physics for PolynomialLoop {
+impl Effect for PolynomialLoop {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -81,11 +69,10 @@ impl Physics for PolynomialLoop {
                 "One curve for a rising drive and one for a falling one: the major loop alone."
                     .into(),
             reference: "thesis Ch. 2, 3.1.1".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles over the whole range".into(),
-            candidate: false,
-            one_sided: false,
+            tried_for_loops: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = X (middle_0_um + middle_1_um X + middle_2_um X^2) - s X (1 - X) (opening_0_um + opening_1_um X)`, `s = 1` after a rise and `-1` after a fall of `x`. At first `s = 1`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -100,49 +87,12 @@ impl Physics for PolynomialLoop {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PolynomialStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PolynomialStage::new(model, values)))
-    }
-}
-
-impl Estimation for PolynomialLoop {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for PolynomialLoop {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         vec![vec![scale, 0.0, 0.0, 0.2 * scale, 0.0]]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-
-    fn is_tried_for_loops(&self) -> bool {
-        false
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PolynomialStage::new(from.model, from.values)))
     }
 }
-
-impl Presentation for PolynomialLoop {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = X (middle_0_um + middle_1_um X + middle_2_um X^2) - s X (1 - X) (opening_0_um + opening_1_um X)`, `s = 1` after a rise and `-1` after a fall of `x`. At first `s = 1`."
-    }
-}
-
-impl SyntheticCases for PolynomialLoop {}

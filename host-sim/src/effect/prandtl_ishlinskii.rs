@@ -2,12 +2,8 @@
 //! behind.
 
 use super::play_operators::PlayOperators;
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
 use crate::block::{Block, Play};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Number of play operators.
 const PLAYS: usize = 10;
@@ -20,85 +16,65 @@ pub struct PrandtlIshlinskii {
     pub one_sided_dead_zones: bool,
 }
 
+/// Plays over the drive, with dead zones behind their sum.
 #[derive(Clone)]
-struct PlayStage {
+pub(super) struct PlayStage {
     operators: PlayOperators,
-    dead_zones: Vec<f64>,
-    span_um: f64,
-    lower_limit_v: f64,
-    range_v: f64,
+    /// Each with its threshold, um, and its weight.
+    dead_zones: Vec<(f64, f64)>,
+    range: DriveRange,
 }
 
 impl PlayStage {
+    pub(super) fn of_plays(model: &Model, operators: PlayOperators) -> Self {
+        Self {
+            operators,
+            dead_zones: Vec::new(),
+            range: model.drive_range(),
+        }
+    }
+
     fn new(model: &Model, values: &[f64]) -> Self {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
-        let (dead_zones, span_um) = rest
-            .split_last()
-            .map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
+        let (span_um, zones) = rest.split_last().unwrap_or((&0.0, &[]));
+        let threshold = |i: usize| span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
         Self {
-            operators: PlayOperators::new(
-                &weights
-                    .iter()
-                    .enumerate()
-                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
-                    .collect::<Vec<_>>(),
-            ),
-            dead_zones: dead_zones.to_vec(),
-            span_um,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            dead_zones: (0..).map(threshold).zip(zones.iter().copied()).collect(),
+            ..Self::of_plays(model, PlayOperators::evenly(weights))
         }
     }
 }
 
 impl Stage for PlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let x = (input - self.lower_limit_v) / self.range_v;
-        let sum = self.operators.step(x);
-        let mut output = sum;
-        for (i, weight) in self.dead_zones.iter().enumerate() {
-            let threshold = self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
-            output += weight * (sum - threshold).max(0.0);
-        }
-        output
+        let sum = self.operators.step(self.range.share(input));
+        let zone = |(threshold, weight): &(f64, f64)| weight * (sum - threshold).max(0.0);
+        self.dead_zones
+            .iter()
+            .fold(sum, |output, each| output + zone(each))
     }
     fn blocks(&self) -> Option<Vec<Block>> {
-        let threshold = |i: usize| self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
-        let zones = self
-            .dead_zones
-            .iter()
-            .enumerate()
-            .map(|(i, weight)| Play {
-                threshold: threshold(i),
-                weight: *weight,
-            })
-            .collect();
+        let zone = |&(threshold, weight): &(f64, f64)| Play { threshold, weight };
         Some(vec![Block::Plays {
             plays: self.operators.plays(),
-            zones,
-            lower: self.lower_limit_v,
-            span: self.range_v,
+            zones: self.dead_zones.iter().map(zone).collect(),
+            lower: self.range.lower_v,
+            span: self.range.span_v,
         }])
-    }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
     }
 }
 
 impl Loops for PlayStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where a dead zone ends the search finds by itself.
         self.operators
             .bends(rising)
-            .map(|x| self.lower_limit_v + self.range_v * x)
+            .map(|x| self.range.at(x))
             .collect()
     }
 }
 
-impl Physics for PrandtlIshlinskii {
+impl Effect for PrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         let (id, reference) = if self.one_sided_dead_zones {
             (
@@ -115,11 +91,9 @@ impl Physics for PrandtlIshlinskii {
             id: id.into(),
             physics: "Many small backlash elements in parallel: loops that depend only on how far the drive came back.".into(),
             reference: reference.into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "slow triangles of several heights".into(),
-            candidate: false,
-            one_sided: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -138,31 +112,6 @@ impl Physics for PrandtlIshlinskii {
         out
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-}
-
-impl Estimation for PrandtlIshlinskii {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for PrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values: Vec<_> = (0..PLAYS)
@@ -181,15 +130,7 @@ impl SearchHints for PrandtlIshlinskii {
         vec![values]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PlayStage::new(from.model, from.values)))
     }
 }
-
-impl Presentation for PrandtlIshlinskii {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0."
-    }
-}
-
-impl SyntheticCases for PrandtlIshlinskii {}

@@ -1,11 +1,10 @@
 //! Quantisation of the reading by the converter.
 
-use super::{
-    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture,
-    Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "quantisation";
 
 /// Rounds the reading to the nearest code.
 pub struct Quantisation;
@@ -25,26 +24,28 @@ impl Stage for RoundStage {
     fn blocks(&self) -> Option<Vec<Block>> {
         Some(vec![Block::Round { step: self.lsb_um }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PassedOn))
     }
 }
 
-impl Physics for Quantisation {
+impl Effect for Quantisation {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "quantisation".into(),
+            id: ID.into(),
             physics: "The converter knows only whole codes: the reading moves in steps of one least significant bit.".into(),
             reference: "Widrow and Kollar, Quantization Noise (2008)".into(),
-            place: Place::Quantisation,
-            modifies: None,
             experiment: "rest at constant drive: count the distinct readings".into(),
             // Its evidence is in the readings themselves, not in what a model leaves of them.
-            candidate: false,
             one_sided: true,
+            picture: Picture {
+                against: Against::WithinStep,
+                caption: "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
+            },
+            planted: Planted::Alone,
+            equations: r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`.",
+            goes_by_ends: true,
+            ..Declaration::on_request(Place::Quantisation)
         }
     }
 
@@ -61,56 +62,17 @@ impl Physics for Quantisation {
         ]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(RoundStage { lsb_um: values[0] }))
-    }
-}
-
-impl Estimation for Quantisation {}
-
-impl SearchHints for Quantisation {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![overview.range_um / 65536.0]]
     }
 
-    fn values_in_readings(&self, step_um: f64) -> Option<Vec<f64>> {
-        Some(vec![step_um])
-    }
-}
-
-impl Presentation for Quantisation {
-    fn equations(&self) -> &'static str {
-        r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(RoundStage {
+            lsb_um: from.values[0],
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::WithinStep,
-            caption: "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
-        }
-    }
-}
-
-impl SyntheticCases for Quantisation {
-    fn planted(&self) -> Planted {
-        Planted::Alone
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.005 * strength])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.005 * case.strength])
     }
 }

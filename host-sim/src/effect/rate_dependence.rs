@@ -5,12 +5,8 @@
 //! `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of 10^4 V/s. The
 //! rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Rate;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "rate_dependence";
@@ -32,7 +28,7 @@ pub struct RateLaw {
 impl RateLaw {
     /// The law in `model`, if it has one.
     #[must_use]
-    pub fn of(model: &Model) -> Option<Self> {
+    pub fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         Some(Self {
             loop_linear: values[0],
@@ -67,18 +63,30 @@ impl RateLaw {
     }
 }
 
-impl Physics for RateDependence {
+impl Effect for RateDependence {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Domains need time to switch: the loops are wider the faster the drive moves."
                 .into(),
             reference: "thesis Ch. 4, Eqs. 16-17".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 5,
+            beside: Some(id::HYSTERESIS),
+            needs_several_speeds: true,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the rate of the drive and changes sign with it.",
+            },
+            planted: Planted::InPairs,
+            equations: r"Behind `hysteresis` and `play_operators`, with `v = |x[k] - x[k-1]| / T / (10^4 V/s)` and the output `y` so far:
+
+`y = F(M_1) (1 + curve_linear v) - (F(M_1) - y) (1 + loop_linear v + loop_quadratic v^2)`, where `M_1` is the largest input so far.
+
+In `n` sub-intervals `v` is that of whole periods while the drive steps from sample to sample: the counter `c` of sub-intervals without change is `n` at first. A change of `x` takes
+`T` times `n` where `c + 1 >= n`, times 1 otherwise, and sets `c` to 0. Without change `c` grows by one, and the output is computed anew, with `v = 0`, from `c >= n` on; before that it stays. At rest the law does not act.",
+            ..Declaration::at(Place::Hysteresis)
         }
     }
 
@@ -90,23 +98,6 @@ impl Physics for RateDependence {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for RateDependence {
-    fn fitting_rank(&self) -> usize {
-        5
-    }
-}
-
-impl SearchHints for RateDependence {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![
             0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0),
@@ -115,41 +106,8 @@ impl SearchHints for RateDependence {
         ]]
     }
 
-    fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
-    }
-}
-
-impl Presentation for RateDependence {
-    fn equations(&self) -> &'static str {
-        r"Behind `hysteresis` and `play_operators`, with `v = |x[k] - x[k-1]| / T / (10^4 V/s)` and the output `y` so far:
-
-`y = F(M_1) (1 + curve_linear v) - (F(M_1) - y) (1 + loop_linear v + loop_quadratic v^2)`, where `M_1` is the largest input so far.
-
-In `n` sub-intervals `v` is that of whole periods while the drive steps from sample to sample: the counter `c` of sub-intervals without change is `n` at first. A change of `x` takes
-`T` times `n` where `c + 1 >= n`, times 1 otherwise, and sets `c` to 0. Without change `c` grows by one, and the output is computed anew, with `v = 0`, from `c >= n` on; before that it stays. At rest the law does not act."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the rate of the drive and changes sign with it.",
-        }
-    }
-}
-
-impl SyntheticCases for RateDependence {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![0.03 * strength, 0.0, 0.0])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![0.03 * case.strength, 0.0, 0.0])
     }
 }
 

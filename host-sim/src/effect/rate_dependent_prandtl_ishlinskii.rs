@@ -2,11 +2,7 @@
 //! drive.
 
 use super::play_operators::PlayOperators;
-use super::{
-    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints,
-    Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "rate_dependent_prandtl_ishlinskii";
@@ -24,8 +20,7 @@ struct RatePlayStage {
     /// Elements with the weights at rest, and their change by the rate.
     operators: PlayOperators,
     by_rate: Vec<f64>,
-    lower_limit_v: f64,
-    range_v: f64,
+    range: DriveRange,
     last_v: f64,
     /// Time over which a step of the drive is its rate, s.
     period_s: f64,
@@ -35,9 +30,7 @@ impl Stage for RatePlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let rate = (input - self.last_v).abs() / self.period_s / UNIT_RATE_V_S;
         self.last_v = input;
-        let slow = self
-            .operators
-            .step((input - self.lower_limit_v) / self.range_v);
+        let slow = self.operators.step(self.range.share(input));
         slow + rate
             * self
                 .operators
@@ -53,13 +46,10 @@ impl Stage for RatePlayStage {
 }
 
 impl Loops for RatePlayStage {
-    fn boxed(&self) -> Box<dyn Loops> {
-        Box::new(self.clone())
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         self.operators
             .bends(rising)
-            .map(|x| self.lower_limit_v + self.range_v * x)
+            .map(|x| self.range.at(x))
             .collect()
     }
 }
@@ -68,33 +58,25 @@ impl RatePlayStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
         let (weights, by_rate) = values.split_at(PLAYS.min(values.len()));
         Self {
-            operators: PlayOperators::new(
-                &weights
-                    .iter()
-                    .enumerate()
-                    .map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w))
-                    .collect::<Vec<_>>(),
-            ),
+            operators: PlayOperators::evenly(weights),
             by_rate: by_rate.to_vec(),
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
+            range: model.drive_range(),
             last_v: model.drive_min_v,
             period_s: setting.dt_s * setting.substeps as f64,
         }
     }
 }
 
-impl Physics for RateDependentPrandtlIshlinskii {
+impl Effect for RateDependentPrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Many small backlash elements in parallel that give more or less the faster the drive moves.".into(),
             reference: "thesis Ch. 2, 3.1.3; Ang, Khosla and Riviere, IEEE/ASME Trans. Mechatronics 12 (2007) 134-142".into(),
-            place: Place::Hysteresis,
-            modifies: None,
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
-            candidate: false,
-            one_sided: false,
+            tried_for_loops: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`.",
+            ..Declaration::of_loops()
         }
     }
 
@@ -114,31 +96,6 @@ impl Physics for RateDependentPrandtlIshlinskii {
         weight.chain(by_rate).collect()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(RatePlayStage::new(model, values, setting)))
-    }
-
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(RatePlayStage::new(model, values, setting)))
-    }
-}
-
-impl Estimation for RateDependentPrandtlIshlinskii {
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-}
-
-impl SearchHints for RateDependentPrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let weight = |i: usize| {
@@ -151,19 +108,11 @@ impl SearchHints for RateDependentPrandtlIshlinskii {
         vec![(0..PLAYS).map(weight).chain([0.0; PLAYS]).collect()]
     }
 
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-
-    fn is_tried_for_loops(&self) -> bool {
-        false
-    }
-}
-
-impl Presentation for RateDependentPrandtlIshlinskii {
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`."
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(RatePlayStage::new(
+            from.model,
+            from.values,
+            from.setting,
+        )))
     }
 }
-
-impl SyntheticCases for RateDependentPrandtlIshlinskii {}

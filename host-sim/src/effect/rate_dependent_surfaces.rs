@@ -10,20 +10,16 @@
 //! not show, here at a fifth of the range. The printed procedure in two steps
 //! is part of `hysteron reproduce 4`.
 
-use super::{
-    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place,
-    Presentation, SearchHints, Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "rate_dependent_surfaces";
+pub const ID: &str = id::RATE_DEPENDENT_SURFACES;
 
 /// Degree of the loop surface of each power, and coefficients of its curve.
 pub const DEGREE: usize = 3;
 /// Coefficients of a loop surface of that degree.
-pub const LOOP_TERMS: usize = super::hysteresis::coefficient_count(DEGREE);
+pub const LOOP_TERMS: usize = crate::hysteresis_surface::coefficient_count(DEGREE);
 /// Coefficients of the remnant of each power.
 pub const CURVE_TERMS: usize = 3;
 /// Coefficients of one power.
@@ -50,7 +46,7 @@ pub(super) struct RateOrders {
 
 impl RateOrders {
     /// Of a model that has them.
-    pub(super) fn of(model: &Model) -> Option<Self> {
+    pub(super) fn from_model(model: &Model) -> Option<Self> {
         let values = model.values(ID)?;
         let (reference_rate_v_s, coefficients) = values.split_first()?;
         let operator = |terms: &[f64]| {
@@ -75,17 +71,25 @@ impl RateOrders {
     }
 }
 
-impl Physics for RateDependentSurfaces {
+impl Effect for RateDependentSurfaces {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Every coefficient of the loops and of the initial curve changes with the speed of the drive.".into(),
             reference: "thesis Ch. 4, Eqs. 14, 16-18".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 5,
+            beside: Some(id::HYSTERESIS),
+            needs_several_speeds: true,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the rate of the drive and differs from branch to branch.",
+            },
+            equations: r"Behind `hysteresis`, with `v = |x[k] - x[k-1]| / T / reference_rate_v_s`: to the output so far it adds `sum_p v^p y_p` over the powers `p` from 1 on. Each `y_p` is the output of the model of `hysteresis` and `initial_curve` for the same input, from the surfaces `g_i_j_rate_p_um` of degree 3 and `r_i_rate_p_um`.
+
+In `n` sub-intervals `v` is counted as for `rate_dependence`.",
+            ..Declaration::on_request(Place::Hysteresis)
         }
     }
 
@@ -105,33 +109,6 @@ impl Physics for RateDependentSurfaces {
         out
     }
 
-    fn with_parameters(&self, count: usize) -> Option<std::sync::Arc<dyn Effect>> {
-        let coefficients = count.checked_sub(1)?;
-        let whole = coefficients > 0 && coefficients.is_multiple_of(TERMS);
-        whole.then(|| {
-            std::sync::Arc::new(Self {
-                orders: coefficients / TERMS,
-            }) as std::sync::Arc<dyn Effect>
-        })
-    }
-
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for RateDependentSurfaces {
-    fn fitting_rank(&self) -> usize {
-        5
-    }
-}
-
-impl SearchHints for RateDependentSurfaces {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // At the fastest drive the powers are one.
         vec![
@@ -141,27 +118,16 @@ impl SearchHints for RateDependentSurfaces {
         ]
     }
 
-    fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
+    fn with_parameters(&self, count: usize) -> Option<std::sync::Arc<dyn Effect>> {
+        let coefficients = count.checked_sub(1)?;
+        let whole = coefficients > 0 && coefficients.is_multiple_of(TERMS);
+        whole.then(|| {
+            std::sync::Arc::new(Self {
+                orders: coefficients / TERMS,
+            }) as std::sync::Arc<dyn Effect>
+        })
     }
 }
-
-impl Presentation for RateDependentSurfaces {
-    fn equations(&self) -> &'static str {
-        r"Behind `hysteresis`, with `v = |x[k] - x[k-1]| / T / reference_rate_v_s`: to the output so far it adds `sum_p v^p y_p` over the powers `p` from 1 on. Each `y_p` is the output of the model of `hysteresis` and `initial_curve` for the same input, from the surfaces `g_i_j_rate_p_um` of degree 3 and `r_i_rate_p_um`.
-
-In `n` sub-intervals `v` is counted as for `rate_dependence`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the rate of the drive and differs from branch to branch.",
-        }
-    }
-}
-
-impl SyntheticCases for RateDependentSurfaces {}
 
 #[cfg(test)]
 mod tests {

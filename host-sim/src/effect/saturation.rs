@@ -1,11 +1,7 @@
 //! Saturation of the amplifier: the voltage on the piezo stops at a limit that the drive exceeds.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted,
-    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "saturation";
@@ -28,22 +24,23 @@ impl Stage for SaturationStage {
             upper: self.upper_v,
         }])
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.step(0, input)
-    }
 }
 
-impl Physics for Saturation {
+impl Effect for Saturation {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The amplifier cannot give more than its supply: above a voltage the piezo sees a constant.".into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
-            place: Place::AmplifierSaturation,
-            modifies: None,
             experiment: "slow triangles up to the highest drive".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Drive,
+                caption: "Saturation is one-sided: nothing below a voltage, then ever more.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = max(min(x, upper_v), lower_v)`. At rest the same.",
+            ..Declaration::at(Place::AmplifierSaturation)
         }
     }
 
@@ -68,22 +65,6 @@ impl Physics for Saturation {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SaturationStage {
-            upper_v: values[0],
-            lower_v: values[1],
-        }))
-    }
-}
-
-impl Estimation for Saturation {}
-
-impl SearchHints for Saturation {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let span = overview.drive_peak_v - overview.drive_min_v;
         [0.97, 0.92, 0.85, 0.77, 0.68, 0.58]
@@ -96,35 +77,18 @@ impl SearchHints for Saturation {
             })
             .collect()
     }
-}
 
-impl Presentation for Saturation {
-    fn equations(&self) -> &'static str {
-        r"`y = max(min(x, upper_v), lower_v)`. At rest the same."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(SaturationStage {
+            upper_v: from.values[0],
+            lower_v: from.values[1],
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Drive,
-            caption: "Saturation is one-sided: nothing below a voltage, then ever more.",
-        }
-    }
-}
-
-impl SyntheticCases for Saturation {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(vec![
-            stage.overview.drive_max_v - 6.5 * strength,
-            -stage.overview.drive_max_v,
+            case.stage.overview.drive_max_v - 6.5 * case.strength,
+            -case.stage.overview.drive_max_v,
         ])
     }
 }

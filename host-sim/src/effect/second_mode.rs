@@ -1,14 +1,10 @@
 //! A second structural mode that takes a share of the motion.
 
-use super::{
-    Against, Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Picture, Place,
-    Planted, Presentation, Resonance, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-    vibration,
-};
-use crate::chain::Model;
+use super::vibration;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "second_mode";
+pub const ID: &str = id::SECOND_MODE;
 
 /// A frequency above this share of the highest that the data can show has run into that limit.
 const AT_ITS_LIMIT: f64 = 0.98;
@@ -16,17 +12,24 @@ const AT_ITS_LIMIT: f64 = 0.98;
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
 
-impl Physics for SecondMode {
+impl Effect for SecondMode {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Part of the motion goes through another resonance of the structure, usually higher and lightly damped.".into(),
             reference: "Preumont, Vibration Control of Active Structures (2011), modal sum".into(),
-            place: Place::Vibration,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "a multisine with lines close together up to a third of the sampling rate".into(),
-            candidate: true,
-            one_sided: false,
+            fitting_rank: 6,
+            beside: Some(id::VIBRATION),
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
+itself where there is no `vibration`.",
+            ..Declaration::at(Place::Vibration)
         }
     }
 
@@ -39,31 +42,6 @@ impl Physics for SecondMode {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        _values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        match model.effect(super::vibration::ID) {
-            Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
-        }
-    }
-
-    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        let factor = super::mass_change::frequency_factor(model);
-        vibration::free_motions_of(values[1] * factor, values[2] * factor)
-    }
-}
-
-impl Estimation for SecondMode {
-    fn fitting_rank(&self) -> usize {
-        6
-    }
-}
-
-impl SearchHints for SecondMode {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         let mut out = Vec::new();
@@ -77,18 +55,29 @@ impl SearchHints for SecondMode {
         out
     }
 
-    fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
-        let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
-        (values[1] > AT_ITS_LIMIT * highest_rad_s).then(|| {
-            format!(
-                "its {:.0} Hz are half the sampling rate, where nothing shows a resonance",
-                values[1] / std::f64::consts::TAU
-            )
-        })
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        match from.model.effect(id::VIBRATION) {
+            Some(_) => None,
+            None => Some(Box::new(vibration::VibrationStage::from_model(
+                from.model,
+                from.setting,
+            ))),
+        }
     }
 
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(super::vibration::ID).is_some()
+    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let factor = super::mass_change::frequency_factor(model);
+        super::mode::free_motions_of(values[1] * factor, values[2] * factor)
+    }
+
+    fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
+        let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
+        (values[1] > AT_ITS_LIMIT * highest_rad_s).then(|| {
+            Doubt::RuledOut(format!(
+                "its {:.0} Hz are half the sampling rate, where nothing shows a resonance",
+                values[1] / std::f64::consts::TAU
+            ))
+        })
     }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
@@ -97,36 +86,11 @@ impl SearchHints for SecondMode {
             .map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio])
             .collect()
     }
-}
 
-impl Presentation for SecondMode {
-    fn equations(&self) -> &'static str {
-        r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
-itself where there is no `vibration`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SecondMode {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
         Some(vec![
-            0.05 * strength,
-            stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()),
+            0.05 * case.strength,
+            case.about(case.stage.natural_frequency_rad_s * 2.2),
             0.02,
         ])
     }

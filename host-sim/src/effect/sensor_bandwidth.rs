@@ -4,17 +4,13 @@
 //! exact for a held force. Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
-    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "sensor_bandwidth";
+pub const ID: &str = id::SENSOR_BANDWIDTH;
 
 /// First-order lag behind everything mechanical.
 pub struct SensorBandwidth;
@@ -28,7 +24,7 @@ struct Interval {
 }
 
 impl Interval {
-    fn of(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
+    fn from_bandwidth(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
         let rate = std::f64::consts::TAU * bandwidth_hz;
         let one = |value: f64| DVector::from_element(1, value);
         let lag = ContinuousSystem {
@@ -115,38 +111,51 @@ impl LinearLanes for LagLanes {
     }
 }
 
-impl Physics for SensorBandwidth {
+impl Effect for SensorBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "The sensor's electronics filter what they read: fast motion appears smaller and later.".into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126".into(),
-            place: Place::SensorBandwidth,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "multisines up to a third of the sampling rate".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`.",
+            ..Declaration::at(Place::SensorBandwidth)
         }
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        super::lag_parameters(overview)
+        lag_parameters(overview)
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview
+            .sensor_bandwidth_hz
+            .map(|bandwidth_hz| vec![bandwidth_hz]);
+        by_data_sheet
+            .into_iter()
+            .chain(lag_starts(overview))
+            .collect()
     }
 
     fn goes_by_ends(&self, model: &Model) -> bool {
-        model.effect(super::vibration::ID).is_some()
+        model.effect(id::VIBRATION).is_some()
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        if model.effect(super::vibration::ID).is_some() {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        if from.model.effect(id::VIBRATION).is_some() {
             return None;
         }
-        let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
+        let interval = Interval::from_bandwidth(
+            from.values[0],
+            Arrival::from_model(from.model, from.setting),
+            from.setting.dt_s,
+        );
         Some(Box::new(SensorLag {
             interval,
             before: 0.0,
@@ -160,43 +169,9 @@ impl Physics for SensorBandwidth {
             frequency_rad_s: 0.0,
         }]
     }
-}
 
-impl Estimation for SensorBandwidth {}
-
-impl SearchHints for SensorBandwidth {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview
-            .sensor_bandwidth_hz
-            .map(|bandwidth_hz| vec![bandwidth_hz]);
-        by_data_sheet
-            .into_iter()
-            .chain(super::lag_starts(overview))
-            .collect()
-    }
-}
-
-impl Presentation for SensorBandwidth {
-    fn equations(&self) -> &'static str {
-        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SensorBandwidth {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![2500.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![2500.0 / case.strength.max(0.01)])
     }
 }
 

@@ -9,14 +9,10 @@
 //! Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
-use super::vibration::free_motions_of;
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics,
-    Picture, Place, Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
+use super::mode::free_motions_of;
 use crate::block::{Block, Linear};
-use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
+use crate::physics::*;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -29,9 +25,9 @@ pub struct SensorFilter;
 /// Natural frequency, Hz, and damping ratio of the filter of a model whose modes take it in: all of them move
 /// freely.
 pub(super) fn taken_in_by_modes(model: &Model) -> Option<[f64; 2]> {
-    model.effect(super::vibration::ID)?;
+    model.effect(id::VIBRATION)?;
     let values = model.values(ID)?;
-    super::friction::Bristle::of(model)
+    super::friction::Bristle::from_model(model)
         .is_none()
         .then(|| [values[0], values[1]])
 }
@@ -169,18 +165,24 @@ impl LinearLanes for FilterLanes {
     }
 }
 
-impl Physics for SensorFilter {
+impl Effect for SensorFilter {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "A second-order low-pass in the sensor's electronics: fast motion appears later and, beyond its frequency, smaller."
-                .into(),
+            .into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126; Butterworth, Wireless Engineer 7 (1930) 536-541".into(),
-            place: Place::SensorBandwidth,
-            modifies: Some(super::vibration::ID),
+            modifies: Some(id::VIBRATION),
             experiment: "multisines up to a third of the sampling rate".into(),
-            candidate: true,
             one_sided: true,
+            follows_motion: true,
+            picture: Picture {
+                against: Against::Frequency,
+                caption: "A dynamic effect: the residual stands where the signature has its power.",
+            },
+            equations: r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
+exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`.",
+            ..Declaration::at(Place::SensorBandwidth)
         }
     }
 
@@ -199,17 +201,23 @@ impl Physics for SensorFilter {
         ]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        if taken_in_by_modes(model).is_some() {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview.sensor_bandwidth_hz;
+        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
+        by_data_sheet
+            .into_iter()
+            .chain(elsewhere)
+            .map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2])
+            .collect()
+    }
+
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        if taken_in_by_modes(from.model).is_some() {
             return None;
         }
-        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting));
-        let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
+        let arrival =
+            (!has_inertia(from.model)).then(|| Arrival::from_model(from.model, from.setting));
+        let interval = Interval::new(from.values[0], from.values[1], from.setting.dt_s, arrival);
         Some(Box::new(FilterStage {
             interval,
             state: [0.0; 2],
@@ -224,58 +232,22 @@ impl Physics for SensorFilter {
         // What is read between two instants is taken as straight: finer than others need where records are
         // neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
-        super::substeps_inside_period(dt_s).max(straight)
+        substeps_inside_period(dt_s).max(straight)
     }
 
     fn goes_by_ends(&self, model: &Model) -> bool {
         taken_in_by_modes(model).is_some()
     }
 
-    fn follows_motion(&self) -> bool {
-        true
-    }
-
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         free_motions_of(TAU * values[0], values[1])
     }
-}
 
-impl Estimation for SensorFilter {}
-
-impl SearchHints for SensorFilter {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview.sensor_bandwidth_hz;
-        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
-        by_data_sheet
-            .into_iter()
-            .chain(elsewhere)
-            .map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2])
-            .collect()
-    }
-}
-
-impl Presentation for SensorFilter {
-    fn equations(&self) -> &'static str {
-        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
-exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Frequency,
-            caption: "A dynamic effect: the residual stands where the signature has its power.",
-        }
-    }
-}
-
-impl SyntheticCases for SensorFilter {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![
+            3000.0 / case.strength.max(0.01),
+            0.5 + 0.5 * (case.random)(),
+        ])
     }
 }
 

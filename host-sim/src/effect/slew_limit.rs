@@ -1,14 +1,10 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "slew_limit";
+pub const ID: &str = id::SLEW_LIMIT;
 
 /// Limit of the slope of the piezo voltage.
 pub struct SlewLimit;
@@ -56,7 +52,7 @@ impl Stage for SlewStage {
     }
 }
 
-impl Physics for SlewLimit {
+impl Effect for SlewLimit {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -64,11 +60,17 @@ impl Physics for SlewLimit {
                 "The amplifier's current limit clamps how fast the voltage on the piezo can change."
                     .into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
-            place: Place::AmplifierSlew,
-            modifies: None,
             experiment: "large sines of rising frequency: straight flanks above one slope".into(),
-            candidate: true,
             one_sided: true,
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the rate of the drive and changes sign with it.",
+            },
+            equations: r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
+
+With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
+model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`.",
+            ..Declaration::at(Place::AmplifierSlew)
         }
     }
 
@@ -81,60 +83,28 @@ impl Physics for SlewLimit {
         )]
     }
 
-    fn stage<'a>(
-        &self,
-        model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        let gives_mean = !setting.runs_straight && super::takes_the_mean_in(model);
-        Some(Box::new(SlewStage {
-            step_max_v: values[0] * setting.dt_s,
-            voltage_v: model.drive_min_v,
-            gives_mean,
-        }))
-    }
-
-    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
-        super::substeps_inside_period(dt_s)
-    }
-}
-
-impl Estimation for SlewLimit {}
-
-impl SearchHints for SlewLimit {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03]
             .iter()
             .map(|share| vec![share * overview.slope_max_v_s.max(1.0)])
             .collect()
     }
-}
 
-impl Presentation for SlewLimit {
-    fn equations(&self) -> &'static str {
-        r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
-
-With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
-model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`."
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
+        let gives_mean = !from.setting.runs_straight && takes_the_mean_in(from.model);
+        Some(Box::new(SlewStage {
+            step_max_v: from.values[0] * from.setting.dt_s,
+            voltage_v: from.model.drive_min_v,
+            gives_mean,
+        }))
     }
 
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Rate,
-            caption: "An error that grows with the rate of the drive and changes sign with it.",
-        }
+    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
+        substeps_inside_period(dt_s)
     }
-}
 
-impl SyntheticCases for SlewLimit {
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        _random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        Some(vec![8500.0 / strength.max(0.01)])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        Some(vec![8500.0 / case.strength.max(0.01)])
     }
 }
 

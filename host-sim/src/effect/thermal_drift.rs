@@ -1,12 +1,7 @@
 //! Thermal drift: the mechanics warm up after switching on and move without any cause in the drive.
 
-use super::{
-    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, PassedOn,
-    Physics, Picture, Place, Planted, Presentation, SearchHints, Setting, SimulatedStage, Stage,
-    SyntheticCases,
-};
 use crate::block::Block;
-use crate::chain::Model;
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "thermal_drift";
@@ -46,7 +41,7 @@ impl Stage for DriftStage {
     }
 }
 
-impl Physics for ThermalDrift {
+impl Effect for ThermalDrift {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -54,11 +49,15 @@ impl Physics for ThermalDrift {
                 "Warming of stage or sensor moves the reading slowly, whatever the drive does."
                     .into(),
             reference: "Fleming and Leang (2014), Ch. 1".into(),
-            place: Place::Drift,
-            modifies: None,
             experiment: "rest at constant drive for as long as the longest measurement".into(),
-            candidate: true,
-            one_sided: false,
+            picture: Picture {
+                against: Against::Time,
+                caption: "An error that goes its own way in time, whatever the drive does.",
+            },
+            planted: Planted::InPairs,
+            equations: r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`.",
+            goes_by_ends: true,
+            ..Declaration::at(Place::Drift)
         }
     }
 
@@ -85,19 +84,20 @@ impl Physics for ThermalDrift {
         ]
     }
 
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        [0.1, 0.4, 1.5]
+            .iter()
+            .map(|share| {
+                let slowing_per_s = 1.0 / (share * overview.duration_s);
+                vec![0.002 * overview.range_um * slowing_per_s, slowing_per_s]
+            })
+            .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        values: &[f64],
-        setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DriftStage {
-            rate_um_per_interval: values[0] * setting.dt_s,
-            slowing_per_interval: values[1] * setting.dt_s,
+            rate_um_per_interval: from.values[0] * from.setting.dt_s,
+            slowing_per_interval: from.values[1] * from.setting.dt_s,
         }))
     }
 
@@ -109,48 +109,10 @@ impl Physics for ThermalDrift {
             frequency_rad_s: 0.0,
         }]
     }
-}
 
-impl Estimation for ThermalDrift {}
-
-impl SearchHints for ThermalDrift {
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.1, 0.4, 1.5]
-            .iter()
-            .map(|share| {
-                let slowing_per_s = 1.0 / (share * overview.duration_s);
-                vec![0.002 * overview.range_um * slowing_per_s, slowing_per_s]
-            })
-            .collect()
-    }
-}
-
-impl Presentation for ThermalDrift {
-    fn equations(&self) -> &'static str {
-        r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Time,
-            caption: "An error that goes its own way in time, whatever the drive does.",
-        }
-    }
-}
-
-impl SyntheticCases for ThermalDrift {
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-
-    fn values_at(
-        &self,
-        strength: f64,
-        _stage: &SimulatedStage,
-        random: &mut dyn FnMut() -> f64,
-    ) -> Option<Vec<f64>> {
-        let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));
-        Some(vec![-0.03 * strength * slowing_per_s, slowing_per_s])
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let slowing_per_s = 1.0 / case.about(20.0);
+        Some(vec![-0.03 * case.strength * slowing_per_s, slowing_per_s])
     }
 }
 

@@ -13,15 +13,11 @@
 //! where `R+` and `R-` are what stays of the first way up and of the first way down. The hysteresis stage
 //! adds it.
 
-use super::{
-    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation,
-    SearchHints, Setting, Stage, SyntheticCases,
-};
-use crate::chain::Model;
 use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
+use crate::physics::*;
 
 /// Identifier in files and on the command line.
-pub const ID: &str = "two_sided";
+pub const ID: &str = id::TWO_SIDED;
 
 /// Terms of what stays, in each direction.
 const TERMS: usize = 2;
@@ -45,7 +41,7 @@ pub(super) struct TwoSidedMemory {
 
 impl TwoSidedMemory {
     /// Of `model`, whose loop surface this is, in units of the drive range above its lower limit.
-    pub(super) fn of(model: &Model, surfaces: &Surfaces) -> Option<Self> {
+    pub(super) fn from_model(model: &Model, surfaces: &Surfaces) -> Option<Self> {
         let values = model.values(ID)?;
         let zero = (0.0 - model.drive_min_v) / (model.drive_max_v - model.drive_min_v);
         let stays = |from: usize| {
@@ -93,17 +89,26 @@ impl TwoSidedMemory {
     }
 }
 
-impl Physics for TwoSided {
+impl Effect for TwoSided {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
             physics: "Never driven, the ceramic stands between its two polarities: the first way up and the first way down leave 0 V on curves of their own.".into(),
             reference: "thesis Ch. 8, future work 2; Mayergoyz, Mathematical Models of Hysteresis (1991), Ch. 1".into(),
-            place: Place::Hysteresis,
-            modifies: Some(super::hysteresis::ID),
+            modifies: Some(id::HYSTERESIS),
             experiment: "triangles to both sides of 0 V of growing height, from the virgin state".into(),
-            candidate: false,
-            one_sided: false,
+            fitting_rank: 2,
+            picture: Picture {
+                against: Against::Drive,
+                caption: "An error on the first way up and the first way down from 0 V that later loops do not have.",
+            },
+            equations: r"Beside `hysteresis`, for drives on both sides of 0 V. In units of the drive range, `0` is where 0 V lies, `M` the highest and `m` the lowest input so far, both `0` at first. With `V(M, m) = G(1, 0) - G(M, 0) - G(1, m) + G(M, m)` (here `0` is the lowest input of the range), the output is
+
+loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
+
+`R+ = a sum_k rise_k_um P_k(a)` with the share `a` of the way from 0 V to `drive_max_v` at `M`, `R-` the same from `fall_k_um` with the share of the way to `drive_min_v` at `m`; `P_k` are the polynomials of `hysteresis`.",
+            virgin_at_zero: true,
+            ..Declaration::on_request(Place::Hysteresis)
         }
     }
 
@@ -118,56 +123,20 @@ impl Physics for TwoSided {
             .collect()
     }
 
-    fn stage<'a>(
-        &self,
-        _model: &Model,
-        _values: &[f64],
-        _setting: &Setting<'a>,
-    ) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-}
-
-impl Estimation for TwoSided {
-    fn fitting_rank(&self) -> usize {
-        2
-    }
-}
-
-impl SearchHints for TwoSided {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         vec![std::iter::once(MIDDLE).chain([0.0; 2 * TERMS]).collect()]
     }
 
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        let alone = [super::bipolar::ID, super::initial_curve::ID]
+        let alone = [id::BIPOLAR, id::INITIAL_CURVE]
             .iter()
             .all(|id| model.effect(id).is_none());
         alone
-            && model.effect(super::hysteresis::ID).is_some()
+            && model.effect(id::HYSTERESIS).is_some()
             && overview.drive_min_v < 0.0
             && overview.drive_max_v > 0.0
     }
 }
-
-impl Presentation for TwoSided {
-    fn equations(&self) -> &'static str {
-        r"Beside `hysteresis`, for drives on both sides of 0 V. In units of the drive range, `0` is where 0 V lies, `M` the highest and `m` the lowest input so far, both `0` at first. With `V(M, m) = G(1, 0) - G(M, 0) - G(1, m) + G(M, m)` (here `0` is the lowest input of the range), the output is
-
-loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
-
-`R+ = a sum_k rise_k_um P_k(a)` with the share `a` of the way from 0 V to `drive_max_v` at `M`, `R-` the same from `fall_k_um` with the share of the way to `drive_min_v` at `m`; `P_k` are the polynomials of `hysteresis`."
-    }
-
-    fn picture(&self) -> Picture {
-        Picture {
-            against: Against::Drive,
-            caption: "An error on the first way up and the first way down from 0 V that later loops do not have.",
-        }
-    }
-}
-
-impl SyntheticCases for TwoSided {}
 
 #[cfg(test)]
 mod tests {

@@ -37,7 +37,7 @@ impl SensorPath {
     /// What it gives for a motion, a period after it gave `output` for `input`.
     #[must_use]
     pub fn after(&self, input: f64, output: f64, now: f64, dt_s: f64) -> f64 {
-        Lag::of(self, dt_s).map_or(now, |lag| {
+        Lag::from_path(self, dt_s).map_or(now, |lag| {
             Lag {
                 input,
                 output,
@@ -137,7 +137,7 @@ impl ModalStage {
                     .for_each(|(y, held)| *y += share * held.late);
             }
         }
-        if let Some(mut lag) = Lag::of(&self.sensors[sensor], dt_s) {
+        if let Some(mut lag) = Lag::from_path(&self.sensors[sensor], dt_s) {
             lag.settle(out.first().copied().unwrap_or(0.0));
             out.iter_mut().for_each(|y| *y = lag.step(*y));
         }
@@ -197,7 +197,7 @@ struct Lag {
 }
 
 impl Lag {
-    fn of(path: &SensorPath, dt_s: f64) -> Option<Self> {
+    fn from_path(path: &SensorPath, dt_s: f64) -> Option<Self> {
         if path.lag_s <= 0.0 {
             return None;
         }
@@ -252,7 +252,7 @@ impl<'a> StageRun<'a> {
             lags: stage
                 .sensors
                 .iter()
-                .map(|path| Lag::of(path, dt_s))
+                .map(|path| Lag::from_path(path, dt_s))
                 .collect(),
             acting: vec![Held::default(); stage.drives.len()],
         }

@@ -152,7 +152,7 @@ impl ModalMotion {
             ramp,
             friction: mode
                 .friction
-                .map(|friction| (friction, Dahl::of(friction.bend))),
+                .map(|friction| (friction, Dahl::with_sliding_bend(friction.bend))),
             nonlinear,
             state: [0.0; 2],
             bend: 0.0,

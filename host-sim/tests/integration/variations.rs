@@ -18,7 +18,7 @@ fn add(model: &mut Model, effect: &Arc<dyn Effect>) {
     model.add(EffectInstance::new(effect.clone(), &overview(), &start));
 }
 
-fn of(ids: &[&str]) -> Model {
+fn model_with(ids: &[&str]) -> Model {
     let mut model = Model::new(0.0, 70.0);
     registry()
         .iter()
@@ -112,7 +112,7 @@ fn walked(
 #[test]
 fn with_one_more_effect() {
     for ids in MODELS {
-        let model = of(ids);
+        let model = model_with(ids);
         with_every_drive(|drive| {
             let absent = registry()
                 .into_iter()
@@ -147,7 +147,7 @@ fn with_one_more_effect() {
 #[test]
 fn with_a_moved_value() {
     for ids in MODELS {
-        let model = of(ids);
+        let model = model_with(ids);
         with_every_drive(|drive| {
             let mut variations = Vec::new();
             for (e, instance) in model.effects.iter().enumerate() {
@@ -185,7 +185,7 @@ fn with_a_moved_value() {
 #[test]
 fn with_more_of_a_coefficient() {
     for ids in MODELS.iter().filter(|ids| !ids.contains(&"friction")) {
-        let model = of(ids);
+        let model = model_with(ids);
         let lanes = coefficients(&model);
         let free = |effect: &EffectInstance| {
             effect
@@ -232,7 +232,7 @@ fn behind_an_effect_of_the_users_own() {
         "id = \"contact\"\nplace = \"load_force\"\noutput = \"x - 0.3 * max(x - 2, 0) + z\"\n[[state]]\nname = \"z\"\nderivative = \"(0.1 * x - z) / 0.01\"\n",
     )
     .unwrap();
-    let mut model = of(&["hysteresis", "vibration"]);
+    let mut model = model_with(&["hysteresis", "vibration"]);
     model.add(EffectInstance::new(Arc::new(own), &overview(), &[]));
     let lanes = coefficients(&model);
     with_every_drive(|drive| {

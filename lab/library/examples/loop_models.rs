@@ -125,10 +125,7 @@ fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<
         .find(|e| e.effect.declaration().is_main())
         .expect("loops");
     let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
-    let mut stage = main
-        .effect
-        .stage(model, &main.values(), &setting)
-        .expect("a stage");
+    let mut stage = main.stage(model, &setting).expect("a stage");
     stage.settle(model.drive_min_v);
     let begin = Instant::now();
     let given: Vec<f64> = drive_v
@@ -137,7 +134,7 @@ fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<
         .map(|(k, u)| stage.step(k, *u))
         .collect();
     let sample_ns = begin.elapsed().as_nanos() as f64 / drive_v.len() as f64;
-    let inverse = LoopInverse::of(model, dt_s).map(|mut inverse| {
+    let inverse = LoopInverse::from_model(model, dt_s).map(|mut inverse| {
         let begin = Instant::now();
         let miss = given
             .iter()

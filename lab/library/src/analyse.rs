@@ -30,6 +30,7 @@ use crate::parallel;
 use crate::quality::{self, End, Issue, Moment, Severity};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::quantisation::{self, Quantisation};
 use hysteron_sim::effect::{Effect, Overview, gain, registry};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -862,17 +863,16 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
 /// everything else is the same without it. Its identifier, where it was added.
 fn quantise(steps: &mut Vec<PathStep>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
     let (step_um, last) = (floor.reading_step_um?, steps.last()?);
-    let (effect, values) = registry()
-        .into_iter()
-        .find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;
-    let id = effect.declaration().id;
+    let id = quantisation::ID.to_string();
     if last.judged.model.effect(&id).is_some() {
         return None;
     }
     let mut judged = last.judged.clone();
-    judged
-        .model
-        .add(EffectInstance::new(effect, overview, &values));
+    judged.model.add(EffectInstance::new(
+        Arc::new(Quantisation),
+        overview,
+        &[step_um],
+    ));
     steps.push(PathStep {
         change: ModelChange::Added(id.clone()),
         judged,

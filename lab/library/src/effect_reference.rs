@@ -33,7 +33,7 @@ pub fn page() -> String {
                 "\nIts equations enter the stage of `{other}` where the model has one.\n"
             );
         }
-        let _ = write!(out, "\n{}\n", effect.equations());
+        let _ = write!(out, "\n{}\n", effect.declaration().equations);
         let _ = write!(out, "\n| parameter | unit | |\n|---|---|---|\n");
         effect.parameters(&overview).iter().for_each(|p| {
             let _ = writeln!(

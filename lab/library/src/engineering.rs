@@ -30,7 +30,8 @@ const DT_S: f64 = 1.0;
 pub fn loop_figures(model: &Model) -> Option<HysteresisFigures> {
     let mut loops = model.clone();
     loops.effects.retain(|e| {
-        e.effect.declaration().place == Place::Hysteresis && e.effect.definition().is_none()
+        e.effect.declaration().place == Place::Hysteresis
+            && e.effect.declaration().definition.is_none()
     });
     loops
         .effects

@@ -70,6 +70,8 @@ pub mod identification;
 #[doc(hidden)]
 pub mod identify;
 #[doc(hidden)]
+pub mod least_squares;
+#[doc(hidden)]
 pub mod model_file;
 #[doc(hidden)]
 pub mod outcome;

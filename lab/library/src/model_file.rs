@@ -166,7 +166,7 @@ pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
             .iter()
             .map(|instance| EffectEntry {
                 id: instance.id.clone(),
-                definition: instance.effect.definition().map(str::to_string),
+                definition: instance.effect.declaration().definition,
                 parameter: instance
                     .parameters
                     .iter()

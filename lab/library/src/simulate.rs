@@ -47,15 +47,18 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
             format!("reaches {reached} V; the model holds from {low} to {high} V"),
         ));
     }
-    let needed = model
-        .effects
-        .iter()
-        .flat_map(|e| e.effect.auxiliary().iter().map(|name| (&e.id, name)));
+    let needed = model.effects.iter().flat_map(|e| {
+        e.effect
+            .declaration()
+            .auxiliary
+            .into_iter()
+            .map(|name| (&e.id, name))
+    });
     for (effect, name) in needed {
         match drive
             .auxiliary
             .iter()
-            .find(|signal| signal.name == *name)
+            .find(|signal| signal.name == name)
             .map(|signal| signal.values.len())
         {
             Some(samples) if samples == drive.drive_v.len() => {}

@@ -369,7 +369,7 @@ fn binned(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hysteron_sim::effect::Presentation;
+    use hysteron_sim::effect::Effect;
 
     #[test]
     fn creep_is_drawn_over_the_logarithm_of_time_since_the_step() {
@@ -395,7 +395,9 @@ mod tests {
             u_v,
             ..RecordReport::default()
         };
-        let creep = hysteron_sim::effect::creep::Creep::default().picture();
+        let creep = hysteron_sim::effect::creep::Creep::default()
+            .declaration()
+            .picture;
         let evidence = EvidenceReport {
             effect: "creep".into(),
             against: creep.against,

@@ -21,8 +21,8 @@ use hysteron::outcome::{CandidateFigures, Standing, Verdict};
 use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::Effect;
 use hysteron_sim::effect::quantisation::Quantisation;
-use hysteron_sim::effect::{Physics, Presentation};
 
 /// Everything that the page of an explanation shows.
 #[must_use]
@@ -158,8 +158,8 @@ fn evidence_of_rounding(found: &Outcome, dataset: &Dataset) -> EvidenceReport {
     let quantisation = Quantisation;
     EvidenceReport {
         effect: quantisation.declaration().id,
-        against: quantisation.picture().against,
-        caption: quantisation.picture().caption.into(),
+        against: quantisation.declaration().picture.against,
+        caption: quantisation.declaration().picture.caption.into(),
         traces: traces.collect(),
         reading_step_um: step_um,
     }
@@ -205,8 +205,8 @@ fn evidence(found: &Outcome, dataset: &Dataset) -> Vec<EvidenceReport> {
             );
         Some(EvidenceReport {
             effect: id.clone(),
-            against: score.effect.picture().against,
-            caption: score.effect.picture().caption.into(),
+            against: score.effect.declaration().picture.against,
+            caption: score.effect.declaration().picture.caption.into(),
             traces: traces.collect(),
             reading_step_um: 0.0,
         })

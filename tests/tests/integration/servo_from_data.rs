@@ -2,12 +2,12 @@
 //! where it was predicted.
 
 use hysteron::model_file::effects_named;
-use hysteron::servo::commands::{check, gain_ratio};
+use hysteron::servo::check::{check, gain_ratio};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::model::actuator_model;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::words;
 use hysteron::watch::Unwatched;
+use hysteron_report::servo_words as words;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{
@@ -101,12 +101,17 @@ fn what_the_target_plays_makes_no_unstable_servo() {
     assert!(worst_um < 0.004, "{worst_um}");
 }
 
-#[test]
-#[ignore = "72 identifications: half an hour"]
-fn no_stage_and_no_recording_makes_an_unstable_servo() {
-    for seed in 0..24 {
-        for recording in StudyRecording::ALL {
-            stable_or_refused(seed, recording);
+/// Run by `cargo xtask full`.
+mod long {
+    use super::{StudyRecording, stable_or_refused};
+
+    #[test]
+    #[ignore = "72 identifications: half an hour"]
+    fn no_stage_and_no_recording_makes_an_unstable_servo() {
+        for seed in 0..24 {
+            for recording in StudyRecording::ALL {
+                stable_or_refused(seed, recording);
+            }
         }
     }
 }

@@ -4,9 +4,10 @@
 //! cases, the pairs and the altered recordings run again. A rule whose row equals that of the method buys
 //! nothing on these sets.
 
+use super::context::Context;
 use super::results::Results;
-use super::{Context, SETS, option_of, run_set};
-use crate::steps::{built, root};
+use super::{SETS, program, run_set};
+use crate::workspace::root;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -35,41 +36,32 @@ const RULES: [(&str, &str); 19] = [
 const OF: [&str; 3] = ["planted", "pairs", "altered"];
 const TABLE: &str = "benchmarks/results/ablation.csv";
 
+/// What is run.
+#[derive(clap::Args)]
+pub struct Request {
+    /// The program that is asked, by default the release build
+    #[arg(long)]
+    program: Option<PathBuf>,
+    /// Runs so many cases of each set
+    #[arg(long)]
+    sample: Option<usize>,
+    /// Rules that are left out in turn, by default each of all
+    #[arg(value_parser = RULES.map(|(rule, _)| rule))]
+    rules: Vec<String>,
+}
+
 /// Runs the sets, whole or some cases of each, without each of these rules, or without each of all.
-pub fn run(arguments: &[String]) -> Result<(), String> {
-    let mut asked = arguments.to_vec();
-    let mut option = |name: &str| option_of(&mut asked, name);
-    let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
-    let number = |text: String| {
-        text.parse()
-            .map_err(|_| format!("--sample {text}: expected a whole number"))
-    };
-    let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
-    if let Some(unknown) = asked
-        .iter()
-        .find(|name| RULES.iter().all(|(rule, _)| rule != *name))
-    {
-        return Err(format!(
-            "{unknown}: expected some of {}",
-            RULES.map(|(rule, _)| rule).join(", ")
-        ));
-    }
+pub fn run(request: &Request) -> Result<(), String> {
     let folder = root().join("target/finder_sets");
     let mut context = Context {
-        program,
+        program: program(request.program.as_ref())?,
         label: "ablation".into(),
         folder: folder.clone(),
         policy: None,
     };
-    if !context.program.exists() {
-        return Err(format!(
-            "{}: is not there; cargo build --release -p hysteron-cli",
-            context.program.display()
-        ));
-    }
-    let wanted = RULES
-        .iter()
-        .filter(|(rule, _)| asked.is_empty() || asked.iter().any(|name| name == rule));
+    let wanted = RULES.iter().filter(|(rule, _)| {
+        request.rules.is_empty() || request.rules.iter().any(|name| name == rule)
+    });
     let mut table =
         String::from("without,set,cases,right,in_set,missed,wrong_or,wrong,processor_s\n");
     for (rule, off) in std::iter::once(&("", "")).chain(wanted) {
@@ -85,7 +77,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
         };
         let mut results = Results::at(name, folder.join(format!("ablation/{name}.csv")))?;
         for set in SETS.iter().filter(|set| OF.contains(&set.name)) {
-            let cases = (set.cases)(&context, sample)?;
+            let cases = (set.cases)(&context, request.sample)?;
             run_set(&context, set, &cases, &mut results)?;
             let ran: Vec<_> = results
                 .rows

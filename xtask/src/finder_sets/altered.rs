@@ -5,10 +5,9 @@
 //! written down before anything was run.
 
 use super::case::{CaseCheck, CaseStart, SetCase, model_of, own_effects};
+use super::context::{Context, beside, copy, spread, write};
 use super::mark::CaseTruth;
-use super::recorded::{copy, write};
 use super::table_of_numbers::NumberTable;
-use super::{Context, beside, spread};
 use std::f64::consts::{SQRT_2, TAU};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

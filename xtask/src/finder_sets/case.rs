@@ -1,13 +1,13 @@
 //! One case: a data set, where the search starts, what is true; and one run of the program on it.
 
-use super::Context;
 use super::answer::FinderAnswer;
+use super::context::Context;
 use super::mark::{CaseTruth, Mark, mark};
 use super::results::{ResultRow, Results};
+use crate::cost::{Cost, Stopwatch};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::Instant;
 
 /// Where a search starts.
 #[derive(Clone, Debug)]
@@ -46,13 +46,19 @@ pub struct SetCase {
     pub noise_um: Option<f64>,
 }
 
-/// Runs the program; its JSON, seconds, and seconds of all processors.
-pub fn answered(
-    program: &Path,
-    arguments: &[&str],
-    json: &Path,
-) -> Result<(Value, f64, f64), String> {
-    let (begin, before_s) = (Instant::now(), of_children_s());
+/// One set of cases.
+pub struct Set {
+    /// Its name on the command line and in the results.
+    pub name: &'static str,
+    /// What is asked of it.
+    pub asked: &'static str,
+    /// All its cases, or some of them.
+    pub cases: fn(&Context, Option<usize>) -> Result<Vec<SetCase>, String>,
+}
+
+/// Runs the program; its JSON and what it cost.
+pub fn answered(program: &Path, arguments: &[&str], json: &Path) -> Result<(Value, Cost), String> {
+    let stopwatch = Stopwatch::start();
     let path = json.to_string_lossy();
     let run = Command::new(program)
         .args(arguments)
@@ -62,7 +68,7 @@ pub fn answered(
         .stderr(Stdio::piped())
         .output()
         .map_err(|e| format!("{}: {e}", program.display()))?;
-    let (seconds, processor_s) = (begin.elapsed().as_secs_f64(), of_children_s() - before_s);
+    let cost = stopwatch.read();
     // `score` ends with 1 where a case is wrong, and has answered.
     if !matches!(run.status.code(), Some(0 | 1)) {
         let said = String::from_utf8_lossy(&run.stderr).trim().to_owned();
@@ -75,29 +81,8 @@ pub fn answered(
     let text = std::fs::read_to_string(json).map_err(|e| format!("{path}: {e}"))?;
     Ok((
         serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?,
-        seconds,
-        processor_s,
+        cost,
     ))
-}
-
-/// Seconds of processor of all children so far, from `/proc`; 0 without it, and the results note that.
-fn of_children_s() -> f64 {
-    const TICKS_PER_S: f64 = 100.0;
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The fields behind the name, which ends with the last bracket.
-    let fields: Vec<&str> = text
-        .rsplit(')')
-        .next()
-        .unwrap_or_default()
-        .split_whitespace()
-        .collect();
-    let ticks = |at: usize| {
-        fields
-            .get(at)
-            .and_then(|t| t.parse::<f64>().ok())
-            .unwrap_or(0.0)
-    };
-    (ticks(13) + ticks(14)) / TICKS_PER_S
 }
 
 impl SetCase {
@@ -125,9 +110,6 @@ impl SetCase {
         set: &'static str,
         results: &Results,
     ) -> Result<ResultRow, String> {
-        if let CaseCheck::FrontEnds = self.check {
-            return super::front_ends::compared(self, context, set);
-        }
         let answers = context.folder_of("answers")?.join(&context.label);
         std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
         let json = answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_")));
@@ -156,8 +138,8 @@ impl SetCase {
             ..ResultRow::default()
         };
         // A data set that the program refuses is an answer too, and no name.
-        let (answer, seconds, processor_s) = match asked {
-            Ok((value, seconds, processor_s)) => (FinderAnswer::of(&value)?, seconds, processor_s),
+        let (answer, cost) = match asked {
+            Ok((value, cost)) => (FinderAnswer::of(&value)?, cost),
             Err(problem) => {
                 row.verdict = "refused".into();
                 row.mark = Mark::Missed.word().into();
@@ -165,7 +147,7 @@ impl SetCase {
                 return Ok(row);
             }
         };
-        row.fill(&answer, seconds, processor_s);
+        row.fill(&answer, cost);
         row.mark = match &self.check {
             CaseCheck::Names(truth) => {
                 mark(&answer, truth, || self.is_at_the_noise(context, &json))?
@@ -186,7 +168,7 @@ impl SetCase {
                 row.ends_um = ends_um(&answer, weights);
                 "-".into()
             }
-            CaseCheck::FrontEnds => unreachable!("compared above"),
+            CaseCheck::FrontEnds => return Err("`front_ends` compares these".into()),
         };
         if let CaseCheck::SameAs(_) = self.check {
         } else {

@@ -3,8 +3,9 @@
 
 use super::answer::FinderAnswer;
 use super::case::{CaseCheck, CaseStart, SetCase, answered};
+use super::context::{Context, spread};
+use super::page;
 use super::results::ResultRow;
-use super::{Context, page, spread};
 use gone_wrong::{CASES, Wrong};
 use serde_json::Value;
 
@@ -40,7 +41,7 @@ pub fn compared(case: &SetCase, context: &Context, set: &str) -> Result<ResultRo
     let folder = context.folder_of("answers")?.join(&context.label);
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let json = folder.join(format!("{set}_{}.json", case.name));
-    let (cli, seconds, processor_s) = answered(
+    let (cli, cost) = answered(
         &context.program,
         &["explain", &case.data.to_string_lossy(), "--from", from],
         &json,
@@ -73,7 +74,7 @@ pub fn compared(case: &SetCase, context: &Context, set: &str) -> Result<ResultRo
         case: case.name.clone(),
         ..ResultRow::default()
     };
-    row.fill(&answer, seconds, processor_s);
+    row.fill(&answer, cost);
     row.mark = if differs.is_empty() {
         "equal".into()
     } else {

@@ -1,11 +1,10 @@
 //! The same recording written otherwise: the same names.
 
 use super::case::{CaseCheck, CaseStart, SetCase};
+use super::context::{Context, beside, copy, spread, write};
 use super::mark::CaseTruth;
 use super::planted::of_folder;
-use super::recorded::{copy, write};
 use super::table_of_numbers::NumberTable;
-use super::{Context, beside, spread};
 use std::path::{Path, PathBuf};
 
 /// Planted cases that are written otherwise, each in four ways.

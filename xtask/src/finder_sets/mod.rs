@@ -1,10 +1,6 @@
 //! `cargo xtask finder-sets`: how well a program finds what is missing, set by set, and two programs beside
 //! each other.
 //!
-//! ```text
-//! cargo xtask finder-sets [--program PATH] [--policy FILE] [--label NAME] [--sample N] [--table] [SET ...]
-//! ```
-//!
 //! Every case is one run of a built `hysteron`. A run appends its row to
 //! `benchmarks/results/finder_<label>.csv`; a case that has a row is not run again, so that an interrupted
 //! command goes on where it was. The table at the end has one block for each label with a file there;
@@ -14,6 +10,7 @@ pub mod ablation;
 mod altered;
 mod answer;
 mod case;
+mod context;
 mod front_ends;
 mod invariance;
 mod mark;
@@ -24,20 +21,11 @@ pub mod results;
 mod table;
 mod table_of_numbers;
 
-use crate::steps::{built, root};
-use case::SetCase;
+use crate::workspace::{built, root};
+use case::{CaseCheck, Set, SetCase};
+use context::Context;
 use results::Results;
-use std::path::{Path, PathBuf};
-
-/// One set of cases.
-pub struct Set {
-    /// Its name on the command line and in the results.
-    pub name: &'static str,
-    /// What is asked of it.
-    pub asked: &'static str,
-    /// All its cases, or some of them.
-    cases: fn(&Context, Option<usize>) -> Result<Vec<SetCase>, String>,
-}
+use std::path::PathBuf;
 
 /// All sets, in the order of the table.
 pub const SETS: [Set; 13] = [
@@ -108,121 +96,71 @@ pub const SETS: [Set; 13] = [
     },
 ];
 
-/// What every set needs to know.
-pub struct Context {
-    program: PathBuf,
+/// What is run.
+#[derive(clap::Args)]
+pub struct Request {
+    /// The program that is asked, by default the release build
+    #[arg(long)]
+    program: Option<PathBuf>,
+    /// Names the results
+    #[arg(long, default_value = "new")]
     label: String,
-    /// Where data sets are made.
-    folder: PathBuf,
-    /// Other thresholds, as the program reads them.
+    /// Runs so many cases of each set
+    #[arg(long)]
+    sample: Option<usize>,
+    /// Other thresholds
+    #[arg(long)]
     policy: Option<PathBuf>,
+    /// Writes the altered recordings into this folder and runs nothing
+    #[arg(long)]
+    write_altered: Option<PathBuf>,
+    /// Runs nothing and prints the table
+    #[arg(long)]
+    table: bool,
+    /// Sets, by default all
+    #[arg(value_parser = SETS.map(|set| set.name))]
+    sets: Vec<String>,
 }
 
-impl Context {
-    /// The folder of a set, which is made.
-    fn folder_of(&self, set: &str) -> Result<PathBuf, String> {
-        let folder = self.folder.join(set);
-        std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-        Ok(folder)
-    }
-}
-
-/// A folder of the data beside the project.
-fn beside(path: &str) -> Result<PathBuf, String> {
-    let folder = root().join("../shared/data").join(path);
-    if folder.exists() {
-        Ok(folder)
+/// The program that is asked: this one, or the release build.
+fn program(named: Option<&PathBuf>) -> Result<PathBuf, String> {
+    let program = named.cloned().unwrap_or_else(|| built("hysteron"));
+    if program.exists() {
+        Ok(program)
     } else {
         Err(format!(
-            "{}: is not there; this set needs it",
-            folder.display()
+            "{}: is not there; cargo build --release -p hysteron-cli, or --program PATH",
+            program.display()
         ))
     }
 }
 
-/// Some of many, evenly spread.
-fn spread<T>(mut all: Vec<T>, most: Option<usize>) -> Vec<T> {
-    let (count, Some(most)) = (all.len(), most.filter(|most| *most < all.len())) else {
-        return all;
-    };
-    let kept: Vec<usize> = (0..most)
-        .map(|i| (2 * i + 1) * count / (2 * most))
-        .collect();
-    let mut at = 0;
-    all.retain(|_| {
-        at += 1;
-        kept.contains(&(at - 1))
-    });
-    all
-}
-
-/// The value of an option, which is taken out of the arguments.
-fn option_of(arguments: &mut Vec<String>, name: &str) -> Result<Option<String>, String> {
-    let Some(at) = arguments.iter().position(|a| a == name) else {
-        return Ok(None);
-    };
-    if at + 1 == arguments.len() {
-        return Err(format!("{name} expects a value"));
-    }
-    Ok(arguments.drain(at..at + 2).next_back())
-}
-
-/// Runs what the arguments ask for and prints the table.
-pub fn run(arguments: &[String]) -> Result<(), String> {
-    let mut asked = arguments.to_vec();
-    let mut option = |name: &str| option_of(&mut asked, name);
-    let program = option("--program")?.map_or_else(|| built("hysteron"), PathBuf::from);
-    let label = option("--label")?.unwrap_or_else(|| "new".into());
-    let number = |text: String| {
-        text.parse()
-            .map_err(|_| format!("--sample {text}: expected a whole number"))
-    };
-    let sample: Option<usize> = option("--sample")?.map(number).transpose()?;
-    let policy = option("--policy")?.map(PathBuf::from);
-    let write_to = option("--write-altered")?;
-    let only_table = asked
-        .iter()
-        .position(|a| a == "--table")
-        .map(|at| asked.remove(at))
-        .is_some();
-    if let Some(unknown) = asked
-        .iter()
-        .find(|name| SETS.iter().all(|set| set.name != **name))
-    {
-        return Err(format!(
-            "{unknown}: expected some of {}",
-            SETS.map(|set| set.name).join(", ")
-        ));
+/// Runs what is requested and prints the table.
+pub fn run(request: &Request) -> Result<(), String> {
+    if request.table {
+        table::print(&SETS, &Results::all()?);
+        return Ok(());
     }
     let context = Context {
-        program,
-        label,
+        program: program(request.program.as_ref())?,
+        label: request.label.clone(),
         folder: root().join("target/finder_sets"),
-        policy,
+        policy: request.policy.clone(),
     };
-    if let Some(folder) = write_to {
-        return altered::write_all(&context, Path::new(&folder));
+    if let Some(folder) = &request.write_altered {
+        return altered::write_all(&context, folder);
     }
-    if !only_table {
-        if !context.program.exists() {
-            return Err(format!(
-                "{}: is not there; cargo build --release -p hysteron-cli, or --program PATH",
-                context.program.display()
-            ));
-        }
-        let mut results = Results::open(&context.label)?;
-        for set in SETS
-            .iter()
-            .filter(|set| asked.is_empty() || asked.iter().any(|name| name == set.name))
-        {
-            match (set.cases)(&context, sample) {
-                Ok(cases) => run_set(&context, set, &cases, &mut results)?,
-                // A set whose data are not here reports that; the others run.
-                Err(problem) => println!("{:<12} not run: {problem}", set.name),
-            }
+    let mut results = Results::open(&context.label)?;
+    let wanted =
+        |set: &&Set| request.sets.is_empty() || request.sets.iter().any(|name| name == set.name);
+    for set in SETS.iter().filter(wanted) {
+        match (set.cases)(&context, request.sample) {
+            Ok(cases) => run_set(&context, set, &cases, &mut results)?,
+            // A set whose data are not here reports that; the others run.
+            Err(problem) => println!("{:<12} not run: {problem}", set.name),
         }
     }
-    table::print(&Results::all()?);
+    table::print(&SETS, &Results::all()?);
     Ok(())
 }
 
@@ -236,7 +174,10 @@ fn run_set(
         if results.has(set.name, &case.name) {
             continue;
         }
-        let row = case.run(context, set.name, results)?;
+        let row = match case.check {
+            CaseCheck::FrontEnds => front_ends::compared(case, context, set.name)?,
+            _ => case.run(context, set.name, results)?,
+        };
         println!("{}", row.line());
         results.append(row)?;
     }

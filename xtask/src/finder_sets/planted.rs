@@ -1,8 +1,8 @@
 //! Simulated cases whose truth is known: those beside the project, and those that `hysteron plant` makes.
 
 use super::case::SetCase;
+use super::context::{Context, beside, spread};
 use super::mark::CaseTruth;
-use super::{Context, beside, spread};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};

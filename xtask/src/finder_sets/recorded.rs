@@ -1,13 +1,13 @@
 //! Recordings of real stages: where a search from a gain ends, and how long it takes.
 
 use super::case::{CaseCheck, CaseStart, SetCase};
+use super::context::{Context, beside, copy, spread, write};
 use super::table_of_numbers::NumberTable;
-use super::{Context, beside, spread};
-use crate::steps::root;
+use crate::workspace::root;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// `tests/manifests/recorded_sets.toml`.
 #[derive(Deserialize)]
@@ -120,26 +120,4 @@ pub fn speed(context: &Context, _: Option<usize>) -> Result<Vec<SetCase>, String
         out.push(case("20 Hz as one file", path));
     }
     Ok(out)
-}
-
-/// Copies a file that is not there yet.
-pub fn copy(from: &Path, to: &Path) -> Result<(), String> {
-    if to.exists() {
-        return Ok(());
-    }
-    made(to)?;
-    std::fs::copy(from, to)
-        .map(drop)
-        .map_err(|e| format!("{} to {}: {e}", from.display(), to.display()))
-}
-
-/// Writes a text.
-pub fn write(to: &Path, text: &str) -> Result<(), String> {
-    made(to)?;
-    std::fs::write(to, text).map_err(|e| format!("{}: {e}", to.display()))
-}
-
-fn made(file: &Path) -> Result<(), String> {
-    let folder = file.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))
 }

@@ -1,7 +1,8 @@
 //! Results: one CSV for each label, one row for each case.
 
 use super::answer::FinderAnswer;
-use crate::steps::root;
+use crate::cost::Cost;
+use crate::workspace::root;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -46,14 +47,14 @@ pub struct ResultRow {
 
 impl ResultRow {
     /// Takes an answer over.
-    pub fn fill(&mut self, answer: &FinderAnswer, seconds: f64, processor_s: f64) {
+    pub fn fill(&mut self, answer: &FinderAnswer, cost: Cost) {
         self.verdict.clone_from(&answer.verdict);
         self.reason.clone_from(&answer.reason);
         self.said = answer.said();
         self.issues = answer.issues.join("+");
         (self.before_um, self.after_um, self.noise_um) =
             (answer.before_um, answer.after_um, answer.noise_um);
-        (self.seconds, self.processor_s) = (seconds, processor_s);
+        (self.seconds, self.processor_s) = (cost.seconds, cost.processor_s);
     }
 
     /// For the terminal.

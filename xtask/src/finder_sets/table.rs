@@ -1,16 +1,16 @@
 //! One table of all sets, the labels beside each other.
 
+use super::case::Set;
 use super::results::{ResultRow, Results};
-use super::{SETS, Set};
 use std::fmt::Write as _;
 
 /// Prints it.
-pub fn print(all: &[Results]) {
+pub fn print(sets: &[Set], all: &[Results]) {
     println!(
         "\n{:<13} {:<26} {:<10} {:>5}  {:<46} {:>7} {:>7} {:>9}",
         "set", "asked", "program", "cases", "got", "median", "most", "processor"
     );
-    for set in &SETS {
+    for set in sets {
         for results in all {
             let mut rows: Vec<&ResultRow> =
                 results.rows.iter().filter(|r| r.set == set.name).collect();

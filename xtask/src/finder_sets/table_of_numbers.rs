@@ -56,6 +56,6 @@ impl NumberTable {
             }
             text.push('\n');
         }
-        super::recorded::write(path, &text)
+        super::context::write(path, &text)
     }
 }

@@ -2,10 +2,9 @@
 
 use crate::common;
 
-use common::image;
-use hysteron_emulator::board::NucleoBoard;
+use common::run_on;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 use rigless::mcu::Mcu;
 use rigless::soc::Layout;
@@ -22,12 +21,7 @@ fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
             .commands
             .push(((10 + 5 * status) * MILLISECOND, b"status\n".to_vec()));
     }
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     println!(
         "end {:?}, without a model: {:?}",
         outcome.end, outcome.without_model

@@ -3,10 +3,12 @@
 
 use crate::common;
 
-use common::{assert_same_bits, best_parameters, block, host_run, image, lines, samples};
-use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
+use common::{
+    assert_same_bits, best_parameters, block, host_run, last_status, lines, number, run_paced,
+    samples,
+};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 /// Frequencies, mHz, of the sines of 5 um.
@@ -60,9 +62,7 @@ fn sines_agree_with_the_host_to_the_last_bit() {
         ],
         ..Script::listening(u64::from(ticks) * 50_000 + 20 * MILLISECOND)
     };
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image(), board, script).expect("a run");
+    let outcome = run_paced(&world, script);
     let others: Vec<_> = outcome
         .messages
         .iter()
@@ -106,22 +106,8 @@ fn sines_agree_with_the_host_to_the_last_bit() {
         );
     }
 
-    let status = outcome
-        .texts_with("status")
-        .last()
-        .expect("a status")
-        .to_string();
-    let number = |name: &str| -> u64 {
-        let rest = status
-            .split(&format!("{name}: "))
-            .nth(1)
-            .unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit())
-            .next()
-            .unwrap_or_default()
-            .parse()
-            .unwrap_or(u64::MAX)
-    };
+    let status = last_status(&outcome);
+    let number = |name| number(status, name);
     assert_eq!(
         (number("lost_samples"), number("overruns")),
         (0, 0),

@@ -3,30 +3,17 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image, parameters, samples};
+use common::{
+    assert_texts, best_parameters, block, parameters, place_of, run_on, samples, texts, world,
+};
 use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
-use hysteron_core::codes::DriveCode;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::Fault;
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
-use hysteron_sim::bench::{Bench, Variant};
-
-fn world() -> hysteron_emulator::converters::SharedWorld {
-    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
-}
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
-}
+use hysteron_emulator::converters::{SensorTrouble, Trouble};
+use hysteron_emulator::run::{MILLISECOND, Script};
 
 fn upload(block: &[u8]) -> Vec<u8> {
     let mut text = String::new();
@@ -67,19 +54,9 @@ fn a_block_is_kept_beside_the_last_good_one_and_taken_at_the_next_start() {
         ],
         ..Script::listening(KEPT_AFTER + 500 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let texts = texts(&outcome);
-    let position = |part: &str| {
-        texts
-            .iter()
-            .position(|text| text.contains(part))
-            .unwrap_or_else(|| panic!("{part}: {texts:?}"))
-    };
+    let position = |part| place_of(&texts, part);
     let damaged_at = position("refused: block: checksum does not match");
     let unstable_at =
         position("refused: block: by its own figure the design is not stable when sampled");
@@ -130,19 +107,9 @@ fn a_capture_holds_every_tick_around_a_fault_however_slow_the_reader_is() {
         ],
         ..Script::listening(1_200 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     assert_eq!(outcome.malformed, 0);
-    assert_eq!(
-        outcome.texts_with("capture: 1501 ticks read out").count(),
-        1,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "capture: 1501 ticks read out", 1);
     let (samples, _) = samples(&outcome);
     let captured: Vec<&TraceSample> = samples
         .windows(2)
@@ -180,12 +147,7 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
         commands: vec![(4 * MILLISECOND, b"arm untested\nidentify 12000\n".to_vec())],
         ..Script::listening(900 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, lost) = samples(&outcome);
     let played: Vec<&TraceSample> = samples
         .iter()
@@ -241,19 +203,15 @@ fn a_restart_waits_for_the_end_of_the_ramp() {
         ],
         ..Script::listening(200 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
-    assert_eq!(
-        outcome.texts_with("only at rest").count(),
-        4,
-        "{:?}",
-        texts(&outcome)
-    );
+    let outcome = run_on(&world, script);
+    assert_texts(&outcome, "only at rest", 4);
     assert_eq!(outcome.resets, 1, "{:?}", texts(&outcome));
+}
+
+/// The largest step between two drives that acted.
+fn largest_step(codes: &[(SensorCode, DriveCode)]) -> Option<u32> {
+    let steps = codes.windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1));
+    steps.max()
 }
 
 #[test]
@@ -269,19 +227,9 @@ fn no_mode_drives_faster_than_the_slew_limit() {
         commands: vec![(4 * MILLISECOND, text.into())],
         ..Script::listening(450 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let codes = world.lock().expect("the world").codes.clone();
-    let steps = |from: usize, to: usize| {
-        codes[from..to]
-            .windows(2)
-            .map(|pair| pair[0].1.abs_diff(pair[1].1))
-            .max()
-    };
+    let steps = |from: usize, to: usize| largest_step(&codes[from..to]);
     assert!(
         codes.iter().map(|(_, acting)| *acting).max() > Some(DriveCode::new(46_000)),
         "{:?}",
@@ -317,25 +265,10 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
         commands: vec![(4 * MILLISECOND, text.into())],
         ..Script::listening(230 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
-    assert_eq!(
-        outcome.texts_with("mode fault").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
+    let outcome = run_on(&world, script);
+    assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
-    let steps = |from: usize, to: usize| {
-        codes[from..to]
-            .windows(2)
-            .map(|pair| pair[0].1.abs_diff(pair[1].1))
-            .max()
-    };
+    let steps = |from: usize, to: usize| largest_step(&codes[from..to]);
     assert_eq!(
         (steps(1_900, 2_900), steps(2_900, 3_900)),
         (Some(468), Some(468)),
@@ -356,18 +289,8 @@ fn no_law_drives_beyond_the_limits_of_the_block() {
         commands: vec![(4 * MILLISECOND, text.into())],
         ..Script::listening(210 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
-    assert_eq!(
-        outcome.texts_with("mode fault").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
+    let outcome = run_on(&world, script);
+    assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
     let c = parameters.servo.converters;
     let beat = 100..codes.len();
@@ -410,12 +333,7 @@ fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
         ],
         ..Script::listening(200 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     assert!(
         first_with(&samples, Mode::Closed, 0).is_some(),
@@ -455,12 +373,7 @@ fn keeping_a_block_does_not_hold_up_a_stop() {
         ],
         ..Script::listening(700 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     assert_eq!(
         outcome.texts_with("block kept as").count(),

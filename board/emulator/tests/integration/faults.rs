@@ -2,7 +2,10 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image, parameters, samples};
+use common::{
+    assert_texts, best_parameters, block, image, last_place_of, parameters, run_on, samples, texts,
+    world,
+};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
@@ -44,12 +47,7 @@ fn with_trouble(kind: Trouble) -> (Outcome, DriveCode) {
         ],
         ..Script::listening(400 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     (outcome, parameters.guard.rest_code)
 }
 
@@ -125,7 +123,7 @@ fn a_sensor_that_jumps() {
 
 #[test]
 fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let mut parameters = parameters();
     // 0.1 V a tick: the 56 V of a jump of 8 um take 560 ticks, and the law is given 200.
     parameters.physical.slew_limit_v_s = 2_010;
@@ -138,12 +136,7 @@ fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
         commands: vec![(4 * MILLISECOND, text.into())],
         ..Script::listening(230 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     let first = samples
         .iter()
@@ -208,20 +201,8 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
             commands: vec![(5 * MILLISECOND, b"enable\ncondition\nclear\n".to_vec())],
             ..Script::listening(60 * MILLISECOND)
         };
-        let outcome = run(
-            &image(),
-            NucleoBoard::with_plant(&world).expect("a board"),
-            script,
-        )
-        .expect("a run");
-        assert_eq!(
-            outcome
-                .texts_with(&format!("parameter block A refused: {reason}"))
-                .count(),
-            1,
-            "{:?}",
-            outcome.messages
-        );
+        let outcome = run_on(&world, script);
+        assert_texts(&outcome, &format!("parameter block A refused: {reason}"), 1);
         assert_eq!(outcome.texts_with("mode fault: parameter block").count(), 1);
         assert_eq!(outcome.texts_with("refused at tick").count(), 3);
         let world = world.lock().expect("the world");
@@ -250,12 +231,7 @@ fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
         injections,
         ..Script::listening(400 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let world = world.lock().expect("the world");
     (
         outcome,
@@ -311,15 +287,6 @@ fn rests_and_comes_back(outcome: &Outcome, seen: &Codes, from_ns: u64, fault: Fa
         texts(outcome)
     );
     assert!(codes.last().expect("codes").1 > rest + 1000, "and driving");
-}
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
 }
 
 /// Thumb instructions that replace the first one of the control interrupt.
@@ -397,7 +364,7 @@ fn a_hard_fault() {
 
 #[test]
 fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let mut parameters = parameters();
     // Not the 0 V that is rest without a block.
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min + 3_000;
@@ -423,12 +390,7 @@ fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
         )],
         ..Script::listening(110 * MILLISECOND)
     };
-    run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    run_on(&world, script);
     let world = world.lock().expect("the world");
     // The interrupt that fails begins within 50 us; the reset, which clamps the converter to ground, comes
     // 100 us later.
@@ -502,7 +464,7 @@ fn a_tick_that_takes_longer_than_a_period() {
     /// less than a period and a half: no edge goes by without a tick for a while, so the cycle counter alone
     /// would not tell.
     const SLOW: u64 = 22_000_000;
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let script = Script {
         block: Some(block(&best_parameters())),
         commands: vec![(
@@ -520,12 +482,7 @@ fn a_tick_that_takes_longer_than_a_period() {
         "at rest there is time: {:?}",
         texts(&outcome)
     );
-    assert_eq!(
-        outcome.texts_with("mode fault: overrun").count(),
-        1,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "mode fault: overrun", 1);
     assert_eq!(
         (outcome.texts_with("mode fault").count(), outcome.resets),
         (1, 0),
@@ -577,19 +534,9 @@ fn without_a_block_the_cause_of_a_restart_is_named_and_nothing_closes_a_loop() {
         )],
         ..Script::listening(180 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let texts = texts(&outcome);
-    let position = |part: &str| {
-        texts
-            .iter()
-            .rposition(|text| text.contains(part))
-            .unwrap_or_else(|| panic!("{part}: {texts:?}"))
-    };
+    let position = |part| last_place_of(&texts, part);
     assert!(
         position("last restart: watchdog") < position("mode fault: watchdog"),
         "{texts:?}"
@@ -671,18 +618,8 @@ fn a_supply_that_falls() {
         "and waits for the supply: {:?}",
         texts(&outcome)
     );
-    assert_eq!(
-        outcome.texts_with("below 2.8 V: waiting").count(),
-        1,
-        "{:?}",
-        texts(&outcome)
-    );
-    assert_eq!(
-        outcome.texts_with("last restart: supply low").count(),
-        1,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "below 2.8 V: waiting", 1);
+    assert_texts(&outcome, "last restart: supply low", 1);
     let fault_at = outcome
         .messages
         .iter()
@@ -708,12 +645,7 @@ fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
             )],
             ..Script::listening(500 * MILLISECOND)
         };
-        let outcome = run(
-            &image(),
-            NucleoBoard::with_plant(&world).expect("a board"),
-            script,
-        )
-        .expect("a run");
+        let outcome = run_on(&world, script);
         let codes = world.lock().expect("the world").codes.clone();
         (outcome, codes)
     };
@@ -756,12 +688,7 @@ fn what_is_not_a_command_is_refused() {
         )],
         ..Script::listening(60 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     assert!(
         outcome.texts_with("refused:").count() >= 4,
         "{:?}",
@@ -774,7 +701,7 @@ fn what_is_not_a_command_is_refused() {
 /// Closed loop; then a line is opened from 60 ms to 160 ms, with `clear` while it is open and again
 /// afterwards.
 fn with_an_open_line(line: SafetyLine, fault: Fault) {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
     let script = Script {
@@ -803,12 +730,7 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
         ],
         ..Script::listening(240 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     let began_ns = world.lock().expect("the world").began_ns();
     let open_at = (60 * MILLISECOND - began_ns) / 50_000;
@@ -873,7 +795,7 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
 
 #[test]
 fn what_was_planned_before_a_fault_does_not_act_after_it() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
     let line = SafetyLine::EmergencyStop;
@@ -889,12 +811,7 @@ fn what_was_planned_before_a_fault_does_not_act_after_it() {
         ],
         ..Script::listening(180 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     let first = |mode: Mode, from: u32| {
         samples
@@ -956,12 +873,7 @@ fn a_converter_that_lost_its_supply_is_set_up_again_at_rest_and_only_there() {
         ],
         ..Script::listening(400 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     assert!(
         outcome.texts_with("mode fault: tracking error").count() == 1,
         "{:?}",

@@ -4,13 +4,14 @@
 
 use crate::common;
 
-use common::{SineRun, best_parameters, block, image, learning, lines, wrong_gain};
+use common::{
+    SineRun, assert_texts, best_parameters, block, learning, lines, run_on, typed_back, wrong_gain,
+};
 use hysteron_core::gain_adaptation::ONE;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 const TICKS: u32 = 60_000;
@@ -27,11 +28,7 @@ fn error_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64
 
 /// What `DIA? 16` was answered.
 fn gains(outcome: &Outcome) -> Vec<f64> {
-    let text: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let text: String = typed_back(&outcome);
     text.lines()
         .map(|line| {
             line.trim()
@@ -67,18 +64,8 @@ fn an_alarm_of_the_resonance_holds_the_gain_where_it_is() {
             .collect(),
         ..Script::listening(30_000 * 50_000)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
-    assert_eq!(
-        outcome.texts_with("above the alarm").count(),
-        1,
-        "{:?}",
-        outcome.messages
-    );
+    let outcome = run_on(&world, script);
+    assert_texts(&outcome, "above the alarm", 1);
     let [before, held, later] = gains(&outcome)[..] else {
         panic!("three answers")
     };

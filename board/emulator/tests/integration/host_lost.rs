@@ -3,19 +3,16 @@
 
 use crate::common;
 
-use common::{block, image, parameters, samples};
+use common::{block, parameters, run_on, samples, world};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::guard::Fault;
-use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
-use hysteron_sim::bench::{Bench, Variant};
+use hysteron_emulator::run::{MILLISECOND, Script};
 
 const TIMEOUT_MS: u64 = 50;
 
 #[test]
 fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
     // Nobody is missed at rest: the timeout is there from 4 ms on, the next line comes at 90 ms.
@@ -40,12 +37,7 @@ fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
         serial,
         ..Script::listening(480 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, _) = samples(&outcome);
     let began_ns = world.lock().expect("the world").began_ns();
     let ms = |tick: u32| (u64::from(tick) * 50_000 + began_ns) as f64 / MILLISECOND as f64;

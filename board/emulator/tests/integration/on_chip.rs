@@ -8,7 +8,7 @@
 
 use crate::common;
 
-use common::{block, image_named, parameters};
+use common::{assert_texts, block, image_named, parameters};
 use hysteron_core::guard::Fault;
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::servo_parameters::ConverterParameters;
@@ -68,14 +68,7 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
         script,
     )
     .expect("a run");
-    assert_eq!(
-        outcome
-            .texts_with("front end on-chip ADC1 and DAC1")
-            .count(),
-        1,
-        "{:?}",
-        outcome.messages
-    );
+    assert_texts(&outcome, "front end on-chip ADC1 and DAC1", 1);
     // The timer's update is its trigger output (CR2.MMS = 2).
     assert_eq!(register(&outcome, "TIM2", tim2::Register::Cr2) >> 4 & 7, 2);
     // The ADC runs at the bus clock over 4 (CKMODE = 3), powered (ADVREGEN), with its calibration (ADCALLIN)
@@ -132,12 +125,7 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
         "{:?}",
         outcome.messages
     );
-    assert_eq!(
-        outcome.texts_with("refused at tick").count(),
-        2,
-        "{:?}",
-        outcome.messages
-    );
+    assert_texts(&outcome, "refused at tick", 2);
     assert_eq!(outcome.resets, 0);
     println!("without a model: {:?}", outcome.without_model);
 }
@@ -158,13 +146,10 @@ fn a_block_for_other_converters_is_refused() {
         script,
     )
     .expect("a run");
-    assert_eq!(
-        outcome
-            .texts_with("block A refused: integers contradict the physical limits")
-            .count(),
+    assert_texts(
+        &outcome,
+        "block A refused: integers contradict the physical limits",
         1,
-        "{:?}",
-        outcome.messages
     );
     assert_eq!(
         register(&outcome, "DAC", dac::Register::Cr) & 1,

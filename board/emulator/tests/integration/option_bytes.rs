@@ -3,17 +3,15 @@
 
 use crate::common;
 
-use common::{block, image, parameters};
+use common::{block, parameters, run_on, typed_back, world};
 use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
-use hysteron_sim::bench::{Bench, Variant};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use rigless::mcu::Mcu;
 use rigless::soc::stm32h743::generated::flash;
 
 #[test]
 fn they_are_looked_at_said_and_written_at_rest() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let factory = NucleoBoard::new()
         .expect("a board")
         .mcu
@@ -44,12 +42,7 @@ fn they_are_looked_at_said_and_written_at_rest() {
         ],
         ..Script::listening(140 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let texts: Vec<&str> = outcome
         .messages
         .iter()
@@ -75,11 +68,7 @@ fn they_are_looked_at_said_and_written_at_rest() {
         1,
         "{texts:?}"
     );
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let answers: String = typed_back(&outcome);
     assert_eq!(answers, "12=0\n12=3\n");
     let written = outcome
         .board

@@ -4,30 +4,19 @@
 
 use crate::common;
 
-use common::{SineRun, best_parameters, block, image, lines, parameters, samples};
+use common::{
+    SineRun, assert_texts, best_parameters, block, last_status, lines, number, parameters, run_on,
+    run_paced, samples, texts, typed_back, world,
+};
 use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::filter_design::{FilterSetting, Notch};
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
 use hysteron_core::loop_telemetry::ResonanceWatch;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::signal_filter::{FilteredSignal, Place};
-use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::{OutputTrouble, PERIOD_NS, SharedWorld, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, envelope_bytes, run, watched_envelope};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, envelope_bytes, watched_envelope};
 use hysteron_sim::bench::{Bench, Variant};
-
-fn world() -> SharedWorld {
-    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
-}
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
-}
 
 /// The edge at which something goes wrong: the sine is played since tick 2400.
 const TROUBLE_EDGE: u64 = 4_000;
@@ -47,24 +36,14 @@ fn played(world: &SharedWorld) -> Outcome {
         ],
         ..Script::listening(260 * MILLISECOND)
     };
-    run(
-        &image(),
-        NucleoBoard::with_plant(world).expect("a board"),
-        script,
-    )
-    .expect("a run")
+    run_on(world, script)
 }
 
 /// That the fault is named, and the power stage off within 2 ms of the trouble: a look at it every
 /// millisecond.
 fn assert_switched_off(world: &SharedWorld, outcome: &Outcome, fault: &str) {
     let named = format!("mode fault: {fault}");
-    assert_eq!(
-        outcome.texts_with(&named).count(),
-        1,
-        "{:?}",
-        texts(outcome)
-    );
+    assert_texts(outcome, &named, 1);
     let begun = world.lock().expect("the world").began_ns();
     let off = outcome.enabled.last().copied();
     let after_ns = off.map(|(at, _)| at as i64 - (begun + TROUBLE_EDGE * PERIOD_NS) as i64);
@@ -81,12 +60,7 @@ fn assert_switched_off(world: &SharedWorld, outcome: &Outcome, fault: &str) {
 #[test]
 fn an_output_that_follows_is_no_fault() {
     let outcome = played(&world());
-    assert_eq!(
-        outcome.texts_with("mode fault").count(),
-        0,
-        "{:?}",
-        texts(&outcome)
-    );
+    assert_texts(&outcome, "mode fault", 0);
     assert_eq!(
         outcome
             .enabled
@@ -178,8 +152,10 @@ pub fn kept_filters(parameters: &AmplifierParameters) -> Vec<u8> {
         stage: parameters.physical.name,
         velocity: 100 << 24,
         tolerance: 1 << 18,
-        settling_ticks: 100,
-        host_timeout_ticks: 0,
+        settling_us: 5_000,
+        host_timeout_ms: 0,
+        largest_move: 0,
+        largest_drive_step: 0,
         baud: 115_200,
         watch: ResonanceWatch::default(),
         filters: filters(parameters.physical.sample_rate_hz),
@@ -192,7 +168,7 @@ pub fn kept_filters(parameters: &AmplifierParameters) -> Vec<u8> {
 /// With all six sections, the monitor and the register read back: 1,492 measured. Images of the same sources
 /// differ between machines.
 const MOST_TICK_INSTRUCTIONS: u64 = 1_520;
-/// The same on the mean.
+/// Instructions of a tick on the mean.
 const MEAN_TICK_INSTRUCTIONS: u64 = 1_300;
 
 #[test]
@@ -227,9 +203,7 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
         serial: vec![(end, b"SPA? 1 0x7F000020 1 0x7F000034\n".to_vec())],
         ..Script::listening(end + 30 * MILLISECOND)
     };
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image(), board, script).expect("a run");
+    let outcome = run_paced(&world, script);
     let (target, lost) = samples(&outcome);
     assert_eq!(
         (lost, outcome.malformed, outcome.resets),
@@ -250,28 +224,10 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
         .on_host(&parameters);
     assert_ne!(host, unfiltered, "the filters are on");
 
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let answers: String = typed_back(&outcome);
     assert_eq!(answers, "1 0x7f000020=852.000 \n1 0x7f000034=8000.000\n");
-    let status = outcome
-        .texts_with("status")
-        .last()
-        .expect("a status")
-        .to_string();
-    let number = |name: &str| -> u64 {
-        let rest = status
-            .split(&format!("{name}: "))
-            .nth(1)
-            .unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit())
-            .next()
-            .unwrap_or_default()
-            .parse()
-            .unwrap_or(u64::MAX)
-    };
+    let status = last_status(&outcome);
+    let number = |name| number(status, name);
     println!(
         "tick with six sections: {} instructions at most, {} on the mean; slowest interrupt {} instructions behind its edge",
         number("most_tick_cycles"),

@@ -5,11 +5,10 @@ use crate::common;
 
 use std::path::Path;
 
-use common::{block, image, parameters, samples};
+use common::{block, image, parameters, run_on, samples};
 use hysteron::capture::capture;
-use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 #[test]
@@ -23,12 +22,7 @@ fn a_drive_is_played_and_its_log_kept() {
         commands: vec![(3 * MILLISECOND, commands.as_bytes().to_vec())],
         ..Script::listening(2_600 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (samples, lost) = samples(&outcome);
     assert_eq!((lost, outcome.malformed), (0, 0));
     assert!(
@@ -74,12 +68,7 @@ fn a_log_that_holds_the_conditioning_too_becomes_a_data_set() {
         ],
         ..Script::listening(2_200 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (summary, files) =
         capture(&std::fs::read(image()).expect("the image"), &outcome.raw).expect("a data set");
     assert_eq!(

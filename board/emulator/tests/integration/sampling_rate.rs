@@ -4,14 +4,14 @@
 use crate::common;
 use crate::output_path::{amplifier_with_filters, kept_filters};
 
-use common::{block, host_run_of, image_named, lines, samples};
+use common::{block, host_run_of, image_named, lines, number, samples, texts};
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{
-    MILLISECOND, Outcome, Script, envelope_bytes, run, sample_rate_hz, watched_envelope,
+    MILLISECOND, Script, envelope_bytes, run, sample_rate_hz, watched_envelope,
 };
 use hysteron_sim::bench::{Bench, Variant};
 
@@ -31,31 +31,10 @@ fn fast_parameters() -> AmplifierParameters {
     read(include_bytes!("../p753_100khz.block"), RATE_HZ).expect("a valid block")
 }
 
-fn number(status: &str, name: &str) -> u64 {
-    let rest = status
-        .split(&format!("{name}: "))
-        .nth(1)
-        .unwrap_or_default();
-    rest.split(|c: char| !c.is_ascii_digit())
-        .next()
-        .unwrap_or_default()
-        .parse()
-        .unwrap_or(u64::MAX)
-}
-
 fn board(world: &hysteron_emulator::converters::SharedWorld) -> NucleoBoard {
     let mut board = NucleoBoard::with_plant(world).expect("a board");
     board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
     board
-}
-
-fn without_trace(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
 }
 
 /// Whether the image runs with everything that the bench may switch on.
@@ -130,7 +109,7 @@ fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
         }
     };
     let outcome = run(&image, board(&world), script).expect("a run");
-    let texts = without_trace(&outcome);
+    let texts = texts(&outcome);
     println!("{}", texts.join("\n"));
     assert_eq!(
         (outcome.malformed, outcome.resets, samples(&outcome).1),

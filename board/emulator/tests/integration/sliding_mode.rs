@@ -1,16 +1,20 @@
 //! The unmodified image runs a PIDSMOC in predictor form: what it reads and drives over 100 000 ticks is what
 //! the host's simulation of the same core and plant gives, to the last bit.
 
-use crate::common::{assert_same_bits, best_parameters, block, host_run, image, lines, samples};
+use crate::common::{
+    assert_same_bits, best_parameters, block, host_run, last_status, lines, number, run_paced,
+    samples,
+};
 
 use hysteron::servo::model::{LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
+use hysteron::servo::plant_set::PlantVariation;
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron::servo::sliding_mode::{SlidingFamily, SlidingKind, SlidingTuning};
 use hysteron::servo::thesis_schemes::SlidingModeLaw;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::LawParameters;
-use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 const FIRST_TICK: u32 = 22_300;
@@ -49,16 +53,22 @@ fn pidsmoc() -> AmplifierParameters {
     };
     let (estimator, controller, reaching) = family.gains(&tuning);
     let law = SlidingModeLaw::predicted(&nominal, &estimator, &controller, &reaching);
-    let loop_of = law.as_predictor().expect("linear");
-    let plant = linear.sampled();
-    let radius = |gain: f64, extra_delay: usize| loop_of.spectral_radius(&plant, gain, extra_delay);
+    let closing = law.as_predictor().expect("linear");
+    let varied = [
+        PlantVariation::NONE,
+        PlantVariation::with_gain(0.5),
+        PlantVariation::with_gain(1.5),
+        PlantVariation::with_delay_s(SAMPLING_PERIOD_S),
+    ];
+    let plants = varied.map(|variation| variation.sampled(&linear));
     assert!(
-        [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)]
-            .into_iter()
-            .all(|(gain, extra_delay)| radius(gain, extra_delay) < 1.0)
+        plants
+            .iter()
+            .all(|plant| SampledLoop::new(&closing, plant).is_stable())
     );
     let mut out = best_parameters();
-    out.physical.spectral_radius_millionths = (radius(1.0, 0) * 1e6).ceil() as u32;
+    out.physical.spectral_radius_millionths =
+        (1e6 * SampledLoop::new(&closing, &plants[0]).spectral_radius()).ceil() as u32;
     out.servo.law = law.following(&linear).quantised().expect("fits");
     out
 }
@@ -94,30 +104,14 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
         ],
         ..Script::listening(u64::from(ticks) * 50_000 + 20 * MILLISECOND)
     };
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image(), board, script).expect("a run");
+    let outcome = run_paced(&world, script);
     let (target, lost) = samples(&outcome);
     assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0));
     let mut twin = World::new(&bench, Variant::FULL, 7);
     let host = host_run(&parameters, &mut twin, &commands, ticks as usize);
     assert_same_bits(&target, &host);
-    let status = outcome
-        .texts_with("status")
-        .last()
-        .expect("a status")
-        .to_string();
-    let number = |name: &str| -> u64 {
-        let rest = status
-            .split(&format!("{name}: "))
-            .nth(1)
-            .unwrap_or_default();
-        rest.split(|c: char| !c.is_ascii_digit())
-            .next()
-            .unwrap_or_default()
-            .parse()
-            .unwrap_or(u64::MAX)
-    };
+    let status = last_status(&outcome);
+    let number = |name| number(status, name);
     println!(
         "{} ticks under control; {} instructions at most, {} on the mean",
         TICKS_UNDER_CONTROL,

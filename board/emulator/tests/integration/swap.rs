@@ -4,15 +4,16 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image, lines, parameters, samples, wrong_gain};
+use common::{
+    best_parameters, block, lines, parameters, run_paced, samples, typed_back, wrong_gain,
+};
 use hysteron_core::amplifier::{Amplifier, Mode};
 use hysteron_core::command_text::{Line, parse, write_upload};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 const TICKS: u32 = 9_000;
@@ -100,9 +101,7 @@ fn on_target(
         .concat(),
         ..script
     };
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image(), board, script).expect("a run");
+    let outcome = run_paced(&world, script);
     for message in outcome
         .messages
         .iter()
@@ -124,11 +123,7 @@ fn same(target: &[TraceSample], host: &[TraceSample]) -> bool {
 }
 
 fn serial(outcome: &Outcome) -> String {
-    outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect()
+    typed_back(&outcome)
 }
 
 fn slowest_instructions(outcome: &Outcome) -> u64 {

@@ -4,14 +4,13 @@
 
 use crate::common;
 
-use common::{best_parameters, block, host_run, image, lines, parameters, samples};
+use common::{best_parameters, block, host_run, lines, parameters, run_on, samples, typed_back};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 use hysteron_sim::closed_loop::Plant;
 use std::f64::consts::TAU;
@@ -170,12 +169,7 @@ fn follow(parameters: &AmplifierParameters, new_world: impl Fn() -> World) -> Fo
         )],
         ..Script::listening(asked + 40 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (target, lost) = samples(&outcome);
     let mut twin = new_world();
     let host = host_run(parameters, &mut twin, &commands, ticks as usize);
@@ -183,11 +177,7 @@ fn follow(parameters: &AmplifierParameters, new_world: impl Fn() -> World) -> Fo
     let second = first_second(&host);
     assert!(first_second(&target) == second, "target and host differ");
     let expected = figures(parameters, second);
-    let text: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let text: String = typed_back(&outcome);
     let numbers: Vec<f64> = text
         .lines()
         .map(|line| {

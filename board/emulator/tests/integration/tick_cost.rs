@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::image_named;
+use common::{assert_texts, image_named};
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::run::{MILLISECOND, Script, run};
 
@@ -44,12 +44,7 @@ fn the_servo_tick_keeps_its_count_with_a_full_memory() {
         Script::listening(1_000 * MILLISECOND),
     )
     .expect("a run");
-    assert_eq!(
-        outcome.texts_with("tick cost done").count(),
-        1,
-        "{:?}",
-        outcome.messages
-    );
+    assert_texts(&outcome, "tick cost done", 1);
     for (case, most, typical) in LIMITS {
         let begin = format!("tick cost {case} most");
         let text = outcome

@@ -2,10 +2,9 @@
 
 use crate::common;
 
-use common::{best_parameters, block, image};
-use hysteron_emulator::board::NucleoBoard;
+use common::{best_parameters, block, run_on, typed_back};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 /// Time between two edges of the sample clock, which is also how often the pin is looked at, ns.
@@ -31,17 +30,8 @@ fn the_output_is_high_while_the_chosen_point_acts_in_every_cycle() {
         read_every_ns: Some(PERIOD_NS),
         ..Script::listening(130 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
-    let answers: String = outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect();
+    let outcome = run_on(&world, script);
+    let answers: String = typed_back(&outcome);
     assert_eq!(answers, "17\n17\n0\n1=3\n1=0\n0\n");
 
     // When the third point acted, as the drive's converter saw it.

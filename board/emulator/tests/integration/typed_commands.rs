@@ -3,21 +3,12 @@
 
 use crate::common;
 
-use common::{block, image, parameters, samples};
+use common::{block, parameters, run_on, samples, texts, world};
 use hysteron_core::amplifier::Mode;
-use hysteron_emulator::board::{NucleoBoard, SafetyLine};
+use hysteron_emulator::board::SafetyLine;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{Injection, MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{Injection, MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
-
-fn texts(outcome: &Outcome) -> Vec<&str> {
-    outcome
-        .messages
-        .iter()
-        .map(|message| message.text.as_str())
-        .filter(|text| !text.starts_with("trace ["))
-        .collect()
-}
 
 #[test]
 fn the_loop_closes_only_around_a_conditioned_actuator() {
@@ -61,12 +52,7 @@ fn the_loop_closes_only_around_a_conditioned_actuator() {
         ],
         ..Script::listening(1_480 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let refused: Vec<u64> = outcome
         .messages
         .iter()
@@ -103,7 +89,7 @@ fn the_loop_closes_only_around_a_conditioned_actuator() {
 
 #[test]
 fn what_leaves_the_limits_is_refused_with_them_and_nothing_moves() {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let parameters = parameters();
     let beyond = [
         "reference constant 20000",
@@ -121,12 +107,7 @@ fn what_leaves_the_limits_is_refused_with_them_and_nothing_moves() {
         commands: vec![(4 * MILLISECOND, text.into())],
         ..Script::listening(60 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let refused: Vec<&str> = outcome.texts_with("beyond the limits").collect();
     assert_eq!(refused.len(), beyond.len(), "{:?}", texts(&outcome));
     // 15 um of sensor with 16 codes at either end that it does not honestly give, from -1 um on.

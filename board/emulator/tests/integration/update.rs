@@ -7,7 +7,7 @@ use std::net::TcpListener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use common::{block, image, parameters};
+use common::{block, image, parameters, typed_back, world};
 use hysteron_client::board::Board;
 use hysteron_client::image::FirmwareImage;
 use hysteron_client::port::Address;
@@ -15,13 +15,11 @@ use hysteron_client::update::{bring, install, state};
 use hysteron_core::checksum::crc32;
 use hysteron_core::firmware_update::{H743ZI, HEADER_OFFSET, Mark, Request};
 use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{
     BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, run,
 };
 use hysteron_emulator::serial_line::SharedLine;
 use hysteron_emulator::serial_socket;
-use hysteron_sim::bench::{Bench, Variant};
 
 const SECOND: u64 = 1_000 * MILLISECOND;
 /// What a flash word reads that is erased.
@@ -33,14 +31,14 @@ fn sent() -> FirmwareImage {
         .expect("an image of this board")
 }
 
-/// The same with other bytes at a place.
+/// A program with other bytes at a place.
 fn altered(at: usize, bytes: &[u8]) -> FirmwareImage {
     let mut image = sent().bytes;
     image[at..at + bytes.len()].copy_from_slice(bytes);
     FirmwareImage::from_bytes(image).expect("an image")
 }
 
-/// The same program under another version.
+/// This program under another version.
 fn newer() -> FirmwareImage {
     altered(HEADER_OFFSET as usize + 48, b"9.8.7\0")
 }
@@ -58,7 +56,7 @@ fn requested(image: &FirmwareImage) -> Vec<(u64, Vec<u8>)> {
 }
 
 fn run_with(script: Script) -> Outcome {
-    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let world = world();
     let outcome = run(
         &image(),
         NucleoBoard::with_plant(&world).expect("a board"),
@@ -71,11 +69,7 @@ fn run_with(script: Script) -> Outcome {
 }
 
 fn text(outcome: &Outcome) -> String {
-    outcome
-        .serial
-        .iter()
-        .map(|(_, byte)| char::from(*byte))
-        .collect()
+    typed_back(&outcome)
 }
 
 fn said(outcome: &Outcome) -> Vec<(u64, &str)> {

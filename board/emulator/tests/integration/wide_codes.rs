@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{best_parameters, block, host_run, image, lines, samples};
+use common::{assert_texts, best_parameters, block, host_run, image, lines, run_on, samples};
 use hysteron_core::codes::SensorCode;
 use hysteron_core::parameter_block::{AmplifierParameters, verify};
 use hysteron_core::servo_parameters::ConverterParameters;
@@ -68,12 +68,7 @@ fn agrees_with_the_host(adc_bits: u8, dac_bits: u8) {
         ],
         ..Script::listening(u64::from(TICKS) * 50_000 + 20 * MILLISECOND)
     };
-    let outcome = run(
-        &image(),
-        NucleoBoard::with_plant(&world).expect("a board"),
-        script,
-    )
-    .expect("a run");
+    let outcome = run_on(&world, script);
     let (target, lost) = samples(&outcome);
     assert_eq!(
         (lost, outcome.malformed, outcome.resets),
@@ -155,12 +150,9 @@ fn a_sensor_whose_frames_no_converter_has_is_refused() {
         ..Script::listening(220 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::new().expect("a board"), script).expect("a run");
-    assert_eq!(
-        outcome
-            .texts_with("block A refused: integers contradict the physical limits")
-            .count(),
+    assert_texts(
+        &outcome,
+        "block A refused: integers contradict the physical limits",
         1,
-        "{:?}",
-        outcome.messages
     );
 }

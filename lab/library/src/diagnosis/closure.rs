@@ -82,22 +82,9 @@ fn moves_in(entry: &Entry, model: &Model, by: Option<&str>) -> Vec<Move> {
         .collect()
 }
 
-/// Whether an effect may be dropped: loops that were added in the place of a gain go back to one.
-fn may_go(entry: &Entry, id: &str) -> bool {
-    entry
-        .judged
-        .model
-        .effect(id)
-        .is_none_or(|e| e.effect.may_leave() || e.effect.declaration().is_main())
-}
-
 /// The model without each of the added effects.
 fn drop_each(study: &Study, entry: &Entry) -> Vec<Dropped> {
-    let leaving: Vec<String> = entry
-        .added()
-        .into_iter()
-        .filter(|id| may_go(entry, id))
-        .collect();
+    let leaving = entry.added();
     parallel::map(&leaving, |id| {
         let quick = study.quickly_within(
             &study.without(&entry.judged.model, id),
@@ -178,7 +165,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
 fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &CandidateScore) -> Judged {
     let base = &dropped.entry.judged.model;
     let begin = |start: &Vec<f64>| study.with(base, &[(score.effect.clone(), start.clone())]);
-    let starts = if score.effect.starts_combine() {
+    let starts = if score.effect.declaration().starts_combine {
         1
     } else {
         study.policy.guesses
@@ -212,11 +199,7 @@ fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> O
 /// One effect in the place of every two, where the noise is near enough to show it: two lags that were added
 /// one after the other may stand in for a delay.
 fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
-    let leaving: Vec<String> = entry
-        .added()
-        .into_iter()
-        .filter(|id| may_go(entry, id))
-        .collect();
+    let leaving = entry.added();
     if leaving.len() < 2 || !study.near_the_noise(&entry.judged) {
         return Ok(Vec::new());
     }

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::outcome::{Evidence, Finding, Residuals};
 use crate::parallel;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::Doubt;
 
 /// One thing that the simplest kept models have: the same move in all, or in each one of these.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,10 +142,8 @@ pub fn slots(minimal: &[&Entry]) -> Vec<Slot> {
 /// What the physics of an effect says against its values in a model.
 #[must_use]
 pub fn unlikely(model: &Model, id: &str) -> Option<String> {
-    let e = model.effect(id)?;
-    model
-        .ruled_out_because(id)
-        .or_else(|| e.effect.unlikely_because(model, &e.values()))
+    let (Doubt::RuledOut(because) | Doubt::Unlikely(because)) = model.doubt(id)?;
+    Some(because)
 }
 
 /// Weighs each slot of the simplest kept models; what does not survive its test is left out.

@@ -221,19 +221,20 @@ pub fn require_signals<'e>(
     effects: impl IntoIterator<Item = &'e Arc<dyn Effect>>,
     dataset: &Dataset,
 ) -> Result<()> {
-    for (effect, name) in effects
-        .into_iter()
-        .flat_map(|e| e.auxiliary().iter().map(move |name| (e, name)))
-    {
-        let lacks = |record: &&Record| record.auxiliary.iter().all(|signal| signal.name != *name);
+    let declarations = effects.into_iter().map(|e| e.declaration());
+    for (effect, name) in declarations.flat_map(|d| {
+        d.auxiliary
+            .into_iter()
+            .map(move |name| (d.id.clone(), name))
+    }) {
+        let lacks = |record: &&Record| record.auxiliary.iter().all(|signal| signal.name != name);
         if let Some(record) = dataset.records.iter().find(lacks) {
             return Err(Error::new(
                 &record.source,
                 format!(
                     "record {} has no signal {name}, which {} takes part of; expected --auxiliary {name}=COLUMN, or [record.auxiliary] {name} = \
                      \"COLUMN\" in dataset.toml",
-                    record.name,
-                    effect.declaration().id
+                    record.name, effect
                 ),
             ));
         }

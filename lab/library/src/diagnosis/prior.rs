@@ -139,7 +139,7 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
     let screening = study.score_each(&holding(model, |_, _| true), &candidates)?;
     let mut trials: Vec<(Move, Model)> = Vec::new();
     for score in &screening.scores {
-        let guesses = if score.effect.starts_combine() {
+        let guesses = if score.effect.declaration().starts_combine {
             1
         } else {
             study.policy.guesses

@@ -324,7 +324,7 @@ impl Beside<'_> {
             candidates,
         } = self;
         let mut light = (*model).clone();
-        light.effects.retain(|e| !e.effect.costly());
+        light.effects.retain(|e| !e.effect.declaration().costly);
         if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
             let readings = parallel::map(&rows.records, |(i, _)| {
                 light.simulate(&dataset.records[*i].drive())
@@ -572,7 +572,7 @@ impl Signatures {
                 .collect();
             if lines.iter().all(Vec::is_empty) {
                 starts.extend(effect.resonant_starts(peaks));
-                let groups: Vec<Vec<Vec<f64>>> = if effect.starts_combine() {
+                let groups: Vec<Vec<Vec<f64>>> = if effect.declaration().starts_combine {
                     vec![starts]
                 } else {
                     starts.into_iter().map(|s| vec![s]).collect()

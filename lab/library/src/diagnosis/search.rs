@@ -367,7 +367,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 left
             };
             // The strongest are begun from two sides.
-            let guesses = if place < policy.guesses && !score.effect.starts_combine() {
+            let guesses = if place < policy.guesses && !score.effect.declaration().starts_combine {
                 policy.guesses
             } else {
                 1

@@ -242,7 +242,7 @@ impl<'a> Study<'a> {
             let declaration = effect.declaration();
             model.effect(&declaration.id).is_none()
                 && !(no_ceramic
-                    && effect.definition().is_none()
+                    && effect.declaration().definition.is_none()
                     && is_of_a_ceramic(declaration.place))
                 && effect.may_join(model, &self.overview)
                 && effect.speaks_for_it(model, &self.lines_at_rest)
@@ -364,7 +364,7 @@ impl<'a> Study<'a> {
         let mut out = model.clone();
         for (effect, start) in effects {
             out.add(EffectInstance::new(effect.clone(), &self.overview, start));
-            if effect.definition().is_some() {
+            if effect.declaration().definition.is_some() {
                 out = self.first_value_first(&out, &effect.declaration().id);
             }
         }
@@ -654,7 +654,11 @@ impl<'a> Study<'a> {
             Some(score) => score
                 .starts
                 .iter()
-                .take(if effect.starts_combine() { 1 } else { starts })
+                .take(if effect.declaration().starts_combine {
+                    1
+                } else {
+                    starts
+                })
                 .map(|s| begun(s))
                 .collect(),
             None => vec![begun(&[])],
@@ -675,7 +679,7 @@ impl<'a> Study<'a> {
     pub fn begun_again(&self, judged: &Judged) -> Result<Judged> {
         let mut best = judged.clone();
         let several = |effect: &Arc<dyn Effect>| {
-            !effect.starts_combine() && effect.starts(&self.overview).len() > 1
+            !effect.declaration().starts_combine && effect.starts(&self.overview).len() > 1
         };
         let again: Vec<Arc<dyn Effect>> = judged
             .model
@@ -719,12 +723,20 @@ impl<'a> Study<'a> {
     /// As [`screen`].
     pub fn build(&self, effects: &[Arc<dyn Effect>]) -> Result<Judged> {
         let mut order: Vec<Arc<dyn Effect>> = effects.to_vec();
-        order.sort_by_key(|e| (e.fitting_rank(), e.declaration().place, e.declaration().id));
+        order.sort_by_key(|e| {
+            (
+                e.declaration().fitting_rank,
+                e.declaration().place,
+                e.declaration().id,
+            )
+        });
         let mut judged = self.one_after_the_other(&order)?;
         // An effect that was fitted before the others began again may stand in for what they lacked then, and
         // keeps them there: each in turn comes last, behind the others built without it.
         let seated = |e: &&Arc<dyn Effect>| {
-            !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1
+            !e.declaration().is_main()
+                && !e.declaration().starts_combine
+                && e.starts(&self.overview).len() > 1
         };
         let in_turn: Vec<Arc<dyn Effect>> = order.iter().rev().filter(seated).cloned().collect();
         if in_turn.len() > 1 {
@@ -771,7 +783,8 @@ impl<'a> Study<'a> {
             self.watch.event(&WatchEvent::Fitting {
                 effect: &effect.declaration().id,
             });
-            let one_start = effect.starts_combine() || effect.starts(&self.overview).len() <= 1;
+            let one_start =
+                effect.declaration().starts_combine || effect.starts(&self.overview).len() <= 1;
             let plain = one_start || model.effects.is_empty() || self.watch.stopped();
             model = if plain {
                 self.quickly(&self.with(&model, &[(effect.clone(), Vec::new())]))

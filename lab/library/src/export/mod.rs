@@ -108,7 +108,7 @@ pub fn export(
 fn cannot(model: &Model, effect: &str) -> Error {
     let own = model
         .effect(effect)
-        .is_some_and(|e| e.effect.definition().is_some());
+        .is_some_and(|e| e.effect.declaration().definition.is_some());
     let why = if own {
         "is an effect of your own; write its expression into the exported file where it stands in the chain"
     } else if effect == hysteron_sim::effect::vibration::ID {

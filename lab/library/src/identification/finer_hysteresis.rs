@@ -74,7 +74,7 @@ pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
     let has_others = model.effect(hysteresis::ID).is_none() && model.effect(gain::ID).is_none();
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
-        e.is_tried_for_loops()
+        e.declaration().is_tried_for_loops()
             && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
             && model.effect(&d.id).is_none()
     });

@@ -6,12 +6,13 @@
 //! everything else is tried in its place. An effect without which the error is no larger is removed. An
 //! effect that another one replaces as well is reported with an "or".
 
-use super::fit::{Problem, STRETCHES, damped_solution};
+use super::fit::{Problem, STRETCHES};
 use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
 use crate::error::{Error, Result};
+use crate::least_squares::damped_solution;
 use crate::parallel;
 use crate::watch::{Watch, WatchEvent};
 use nalgebra::{DMatrix, DVector};
@@ -80,7 +81,7 @@ pub struct AxesFound {
     pub findings: Vec<AxisFinding>,
     /// Held-out error, weighted RMS: in times the noise where the records show it.
     pub error: f64,
-    /// The same on the records that were fitted.
+    /// That error on the records that were fitted.
     pub fitted_error: f64,
     /// Whether errors are in times the noise.
     pub in_times_the_noise: bool,
@@ -422,7 +423,7 @@ impl Search<'_> {
             .collect();
         let mode = model.stage.modes.len();
         // Of each: by how much it lowers the squares of every sensor.
-        let spectra = ResidualSpectra::of(problem, &signals, &residual);
+        let spectra = ResidualSpectra::from_residual(problem, &signals, &residual);
         let falls = parallel::map(&tried, |(drive, f, damping)| {
             spectra.falls_by_mode(*drive, frequency_hz(*f), *damping)
         });

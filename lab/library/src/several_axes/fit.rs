@@ -3,6 +3,7 @@
 use super::recordings::{AxesData, AxesRecord};
 use super::structure::{Described, Free, Part, Scales};
 use crate::dataset::Role;
+use crate::least_squares::{self, refined};
 use crate::parallel;
 use hysteron_sim::several_axes::{Held, ModalStage};
 use nalgebra::{DMatrix, DVector};
@@ -41,7 +42,7 @@ fn slices<T>(signals: &[Vec<T>]) -> Vec<&[T]> {
 
 impl<'d> Problem<'d> {
     pub(super) fn new(data: &'d AxesData) -> Self {
-        let scales = Scales::of(data);
+        let scales = Scales::from_data(data);
         let noise_known = data.records.iter().all(|record| record.noise.is_some());
         let weight = |record: &AxesRecord| -> Vec<f64> {
             let of_sensor = |i: usize| match (&record.noise, noise_known) {
@@ -331,70 +332,33 @@ impl<'d> Problem<'d> {
     /// Refines all numbers of a model on the records that are fitted, until a step lowers the cost by a
     /// smaller share than `fall_enough`.
     pub(super) fn fit(&self, model: &Described, steps_max: usize, fall_enough: f64) -> Described {
-        let mut best = model.clone();
-        let free = best.free();
-        if free.is_empty() {
-            return best;
+        if model.free().is_empty() {
+            return model.clone();
         }
-        let mut cost = self.cost(&best.stage, Role::Identify);
-        let mut damping = DAMPING_FIRST;
-        for _ in 0..steps_max {
-            let rows = self.linearised(&best, &[Role::Identify]).remove(0);
-            let gram = rows.columns.tr_mul(&rows.columns);
-            let against = rows.columns.tr_mul(&rows.residual);
-            let before = cost;
-            for _ in 0..TRIALS {
-                let Some(step) = damped_solution(&gram, &against, damping) else {
-                    damping *= DAMPING_UP;
-                    continue;
-                };
-                let mut tried = best.clone();
-                free.iter()
-                    .zip(step.iter())
-                    .for_each(|(free, by)| free.set(&mut tried.stage, free.get(&best.stage) + by));
-                let tried_cost = self.cost(&tried.stage, Role::Identify);
-                if tried_cost < cost {
-                    (best, cost) = (tried, tried_cost);
-                    damping = (damping / DAMPING_DOWN).max(DAMPING_LEAST);
-                    break;
-                }
-                damping *= DAMPING_UP;
-            }
-            if before - cost <= fall_enough * before {
-                break;
-            }
+        refined(self, model, steps_max, fall_enough)
+    }
+}
+
+impl least_squares::Problem for Problem<'_> {
+    type Model = Described;
+
+    fn cost(&self, model: &Described) -> f64 {
+        Self::cost(self, &model.stage, Role::Identify)
+    }
+
+    fn linearised(&self, model: &Described) -> (DMatrix<f64>, DVector<f64>) {
+        let rows = Self::linearised(self, model, &[Role::Identify]).remove(0);
+        (rows.columns, rows.residual)
+    }
+
+    fn moved(&self, model: &Described, step: &DVector<f64>) -> Described {
+        let mut moved = model.clone();
+        for (free, by) in model.free().iter().zip(step.iter()) {
+            free.set(&mut moved.stage, free.get(&model.stage) + by);
         }
-        best
+        moved
     }
 }
 
 /// Stretches of a record that judges, over which differences between two models scatter.
 pub(super) const STRETCHES: usize = 16;
-/// Levenberg's damping, relative to the diagonal: the usual schedule of Levenberg and Marquardt.
-const DAMPING_FIRST: f64 = 1e-4;
-const DAMPING_UP: f64 = 8.0;
-const DAMPING_DOWN: f64 = 10.0;
-const DAMPING_LEAST: f64 = 1e-9;
-const TRIALS: usize = 6;
-/// Ridge of the normal equations, relative to their diagonal: directions that the records do not show stay.
-const RIDGE: f64 = 1e-12;
-
-/// The step that lowers the residual, with each number held back by its own scale.
-pub(super) fn damped_solution(
-    gram: &DMatrix<f64>,
-    against: &DVector<f64>,
-    damping: f64,
-) -> Option<DVector<f64>> {
-    // Scaled to a unit diagonal first: the numbers have units of their own.
-    let scale = gram
-        .diagonal()
-        .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
-    let mut scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
-        gram[(i, j)] * scale[i] * scale[j]
-    });
-    for i in 0..scaled.nrows() {
-        scaled[(i, i)] = 1.0 + damping + RIDGE;
-    }
-    let solution = scaled.cholesky()?.solve(&against.component_mul(&scale));
-    Some(solution.component_mul(&scale))
-}

@@ -122,7 +122,7 @@ pub struct SensorError {
     pub sensor: String,
     /// RMS error on the held-out records, in its unit.
     pub held_out_rms: f64,
-    /// The same, of the RMS of its reading, per cent.
+    /// That error of the RMS of its reading, per cent.
     pub held_out_pct: f64,
 }
 

@@ -24,7 +24,11 @@ struct OfRecord {
 }
 
 impl ResidualSpectra {
-    pub(super) fn of(problem: &Problem, signals: &Signals, residual: &DVector<f64>) -> Self {
+    pub(super) fn from_residual(
+        problem: &Problem,
+        signals: &Signals,
+        residual: &DVector<f64>,
+    ) -> Self {
         let mut planner = RealFftPlanner::new();
         let sensors = problem.data.sensors.len();
         let mut at = 0;

@@ -253,7 +253,7 @@ pub(super) struct Scales {
 }
 
 impl Scales {
-    pub(super) fn of(data: &AxesData) -> Self {
+    pub(super) fn from_data(data: &AxesData) -> Self {
         let first = &data.records[0];
         let reach = |j: usize| {
             data.records

@@ -13,7 +13,9 @@ use crate::model_file::effect_named;
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis};
-use hysteron_sim::effect::{Declaration, Effect, Overview, Place, SimulatedStage, by_id, gain};
+use hysteron_sim::effect::{
+    Declaration, Effect, Overview, Place, PlantedCase, SimulatedStage, by_id, gain,
+};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -267,7 +269,7 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
     let also: Vec<String> = hidden
         .iter()
         .filter_map(|(id, _)| by_id(id))
-        .flat_map(|e| e.comes_with())
+        .flat_map(|e| e.declaration().comes_with)
         .map(|id| (*id).to_owned())
         .collect();
     let mut wanted: Vec<(String, f64)> = base.iter().map(|id| (id.clone(), 1.5)).collect();
@@ -288,7 +290,11 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
             continue;
         }
         let values = effect
-            .values_at(*strength, &stage, &mut || random.random::<f64>())
+            .values_at(&mut PlantedCase {
+                strength: *strength,
+                stage: &stage,
+                random: &mut || random.random::<f64>(),
+            })
             .unwrap_or_default();
         plant
             .model
@@ -303,7 +309,11 @@ pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
     let lsb_um = converter.map_or(0.0, |e| e.values()[0]);
     plant.model = plant.model.before_rounding().into_owned();
     let noise_um = plant.noise_um.hypot(rounding_noise(lsb_um));
-    let with_force = plant.model.effects.iter().any(|e| e.effect.needs_force());
+    let with_force = plant
+        .model
+        .effects
+        .iter()
+        .any(|e| e.effect.declaration().needs_force);
     let mut without = plant.model.clone();
     without
         .effects

@@ -12,7 +12,7 @@ use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, reg
 fn kinds_of(wanted: impl Fn(Planted) -> bool) -> Vec<String> {
     registry()
         .into_iter()
-        .filter(|e| wanted(e.planted()))
+        .filter(|e| wanted(e.declaration().planted))
         .map(|e| e.declaration().id)
         .collect()
 }
@@ -71,7 +71,7 @@ fn base_of(hidden: &[String], number: usize) -> Vec<String> {
     let with_hidden: Vec<&str> = hidden
         .iter()
         .filter_map(|id| by_id(id))
-        .flat_map(|e| e.comes_with())
+        .flat_map(|e| e.declaration().comes_with)
         .copied()
         .collect();
     let excluded = |id: &str| hidden.iter().any(|h| h == id) || with_hidden.contains(&id);
@@ -155,7 +155,7 @@ mod tests {
         let all = kinds("all").unwrap();
         for effect in registry()
             .iter()
-            .filter(|e| e.declaration().candidate && e.planted() != Planted::Never)
+            .filter(|e| e.declaration().candidate && e.declaration().planted != Planted::Never)
         {
             assert!(
                 all.contains(&vec![effect.declaration().id]),
@@ -171,7 +171,7 @@ mod tests {
         );
         let paired = registry()
             .iter()
-            .filter(|e| e.planted() == Planted::InPairs)
+            .filter(|e| e.declaration().planted == Planted::InPairs)
             .count();
         assert_eq!(kinds("pairs").unwrap().len(), paired * (paired - 1) / 2);
         let triples = kinds("triples").unwrap();

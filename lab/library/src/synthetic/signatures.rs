@@ -12,7 +12,7 @@ use crate::error::Result;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::Hysteresis;
 use hysteron_sim::effect::{
-    Declaration, Effect, Parameter, Scale, SimulatedStage, gain, registry, vibration,
+    Declaration, Effect, Parameter, PlantedCase, Scale, SimulatedStage, gain, registry, vibration,
 };
 use std::sync::Arc;
 
@@ -171,7 +171,11 @@ pub fn signatures() -> Result<Vec<Signature>> {
 fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
     let overview = &stage.overview;
     let values = effect
-        .values_at(STRENGTH, stage, &mut || 0.5)
+        .values_at(&mut PlantedCase {
+            strength: STRENGTH,
+            stage,
+            random: &mut || 0.5,
+        })
         .or_else(|| effect.starts(overview).into_iter().next())
         .unwrap_or_default();
     let parameters = effect.parameters(overview);

@@ -525,7 +525,7 @@ fn the_page_of_equations_is_the_one_in_docs() {
     );
     for effect in hysteron_sim::effect::registry() {
         assert!(
-            !effect.equations().is_empty(),
+            !effect.declaration().equations.is_empty(),
             "{} has no equations",
             effect.declaration().id
         );

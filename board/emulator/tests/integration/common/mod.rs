@@ -23,7 +23,7 @@ use hysteron_core::servo_parameters::{
 };
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
-use hysteron_emulator::converters::World;
+use hysteron_emulator::converters::{SharedWorld, World};
 use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 
@@ -136,7 +136,7 @@ pub fn wrong_gain(adaptation: bool) -> AmplifierParameters {
 pub fn learning(parameters: AmplifierParameters) -> AmplifierParameters {
     let mut row = [0; LEARNING_TAPS];
     row[31] = 3 << (LEARNING_FRACTION_BITS - 2);
-    // The same number on both sides: symmetric to the last bit.
+    // One number on both sides: symmetric to the last bit.
     let hann = |k: usize| {
         (std::f64::consts::PI * k.min(ROBUSTNESS_TAPS - k) as f64 / ROBUSTNESS_TAPS as f64)
             .sin()
@@ -199,7 +199,7 @@ pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
     }
 }
 
-/// The same amplifier on the host, with commands at their ticks: what the target must have done, bit by bit.
+/// The amplifier of the image on the host, with commands at their ticks: what the target must have done, bit by bit.
 pub fn host_run(
     parameters: &AmplifierParameters,
     world: &mut World,
@@ -209,7 +209,7 @@ pub fn host_run(
     host_run_of(Amplifier::new(*parameters), world, commands, ticks)
 }
 
-/// The same of an amplifier that was given something before.
+/// [`host_run`] of an amplifier that was given something before.
 pub fn host_run_of(
     mut amplifier: Amplifier,
     world: &mut World,
@@ -292,9 +292,7 @@ impl<'a> SineRun<'a> {
             serial: vec![(end, typed.to_vec())],
             ..Script::listening(end + 30 * MILLISECOND)
         };
-        let mut board = NucleoBoard::with_plant(&world).expect("a board");
-        board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-        run(&image(), board, script).expect("a run")
+        run_paced(&world, script)
     }
 
     /// The host with the same commands, and perhaps another block.
@@ -317,19 +315,8 @@ impl<'a> SineRun<'a> {
             outcome.messages
         );
         let host = self.on_host(self.parameters);
-        let target: Vec<_> = target
-            .iter()
-            .filter(|sample| sample.tick >= 100 && sample.tick < self.ticks)
-            .collect();
-        assert_eq!(target.len(), (self.ticks - 100) as usize);
-        for (ours, theirs) in target.iter().zip(&host[100..]) {
-            assert_eq!(**ours, *theirs);
-        }
-        let status = outcome
-            .texts_with("status")
-            .last()
-            .expect("a status")
-            .to_string();
+        assert_same_bits(&target, &host);
+        let status = last_status(outcome);
         println!("{status}");
         assert!(status.contains("overruns: 0"), "{status}");
         host
@@ -349,4 +336,72 @@ pub fn lines(commands: &[(u32, &str)]) -> Vec<u8> {
         .iter()
         .flat_map(|(at, text)| format!("@{at} {text}\n").into_bytes())
         .collect()
+}
+
+/// A world around the reference bench.
+pub fn world() -> SharedWorld {
+    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
+}
+
+/// The image on a board in this world.
+pub fn run_on(world: &SharedWorld, script: Script) -> Outcome {
+    let board = NucleoBoard::with_plant(world).expect("a board");
+    run(&image(), board, script).expect("a run")
+}
+
+/// As [`run_on`], an instruction a cycle: what the image has time for.
+pub fn run_paced(world: &SharedWorld, script: Script) -> Outcome {
+    let mut board = NucleoBoard::with_plant(world).expect("a board");
+    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
+    run(&image(), board, script).expect("a run")
+}
+
+/// The last status of a run.
+pub fn last_status(outcome: &Outcome) -> &str {
+    outcome.texts_with("status").last().expect("a status")
+}
+
+/// The number behind a name in a status.
+pub fn number(status: &str, name: &str) -> u64 {
+    let rest = status.split(&format!("{name}: ")).nth(1);
+    let digits = rest
+        .unwrap_or_default()
+        .split(|c: char| !c.is_ascii_digit());
+    let mut digits = digits.map(str::parse);
+    digits.next().and_then(Result::ok).unwrap_or(u64::MAX)
+}
+
+/// What the image typed on the serial port.
+pub fn typed_back(outcome: &Outcome) -> String {
+    let characters = outcome.serial.iter().map(|(_, byte)| char::from(*byte));
+    characters.collect()
+}
+
+/// What a run says beside its trace.
+pub fn texts(outcome: &Outcome) -> Vec<&str> {
+    outcome
+        .messages
+        .iter()
+        .map(|message| message.text.as_str())
+        .filter(|text| !text.starts_with("trace ["))
+        .collect()
+}
+
+/// Asserts how often a run says something.
+#[track_caller]
+pub fn assert_texts(outcome: &Outcome, part: &str, times: usize) {
+    let said = outcome.texts_with(part).count();
+    assert_eq!(said, times, "{part}: {:?}", texts(outcome));
+}
+
+/// The place of the first text that contains a part.
+pub fn place_of(texts: &[&str], part: &str) -> usize {
+    let at = texts.iter().position(|text| text.contains(part));
+    at.unwrap_or_else(|| panic!("{part}: {texts:?}"))
+}
+
+/// The place of the last text that contains a part.
+pub fn last_place_of(texts: &[&str], part: &str) -> usize {
+    let at = texts.iter().rposition(|text| text.contains(part));
+    at.unwrap_or_else(|| panic!("{part}: {texts:?}"))
 }
