@@ -10,9 +10,8 @@ use common::{
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::set_generation;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE, SafetyLine};
-use hysteron_emulator::converters::{SharedWorld, World};
+use hysteron_emulator::converters::SharedWorld;
 use hysteron_emulator::run::{Injection, MILLISECOND, Outcome, Script, run};
-use hysteron_sim::bench::{Bench, Variant};
 use rigless::machine::Crystal;
 
 fn run_in(world: &SharedWorld, script: Script) -> Outcome {

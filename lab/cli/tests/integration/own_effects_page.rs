@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::hysteron;
+use common::{hysteron, words};
 use std::path::Path;
 
 const RATE_HZ: f64 = 1000.0;
@@ -63,14 +63,7 @@ fn recordings(folder: &Path, drives: [Vec<f64>; 2], reading_um: impl Fn(&[f64]) 
 fn fitted(folder: &Path, id: &str) -> impl Fn(&str) -> f64 {
     std::fs::write(folder.join("own.toml"), definition(id)).unwrap();
     let output = hysteron(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "gain,own.toml",
-            "--json",
-            "fit.json",
-        ],
+        &words("identify . --effects gain,own.toml --json fit.json"),
         folder,
     );
     assert!(

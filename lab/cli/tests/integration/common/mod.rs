@@ -17,6 +17,11 @@ pub fn hysteron(arguments: &[&str], folder: &Path) -> Output {
         .unwrap()
 }
 
+/// The words of a command line, none of which has a space in it.
+pub fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
+}
+
 /// Presses Ctrl-C, as the terminal would; whether the program was still there.
 #[cfg(unix)]
 pub fn interrupted(program: &std::process::Child) -> bool {
