@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{MANIFEST, folder_with_model, good_rows, hysteron, says, words};
+use common::{MANIFEST, assert_done, folder_with_model, good_rows, hysteron, says, words};
 use hysteron_sim::noise::WhiteNoise;
 use std::process::Command;
 
@@ -656,11 +656,7 @@ fn a_delay_says_from_which_drive_it_counts() {
             .concat(),
             folder.path(),
         );
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        assert_done(&output);
         String::from_utf8_lossy(&output.stdout).into_owned()
             + &std::fs::read_to_string(folder.path().join("found.json")).unwrap()
     };
@@ -766,11 +762,7 @@ fn what_would_be_another_question_than_was_asked_is_refused() {
         &words("identify . --effects prandtl_ishlinskii --out loops.toml"),
         place,
     );
-    assert!(
-        fitted.status.success(),
-        "{}",
-        String::from_utf8_lossy(&fitted.stderr)
-    );
+    assert_done(&fitted);
     says(
         &["add", "bouc_wen", "loops.toml", ".", "--out", "m2.toml"],
         place,

@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{folder_to_search, folder_with_model, good_rows, hysteron, says, words};
+use common::{assert_done, folder_to_search, folder_with_model, good_rows, hysteron, says, words};
 use std::path::Path;
 
 fn bytes(folder: &Path, file: &str) -> Vec<u8> {
@@ -180,11 +180,7 @@ fn signals_are_written_as_tables_that_fit_the_figures() {
         &words("explain . --series signals --json figures.json"),
         folder.path(),
     );
-    assert!(
-        explained.status.success(),
-        "{}",
-        String::from_utf8_lossy(&explained.stderr)
-    );
+    assert_done(&explained);
     let figures: serde_json::Value =
         serde_json::from_slice(&bytes(folder.path(), "figures.json")).unwrap();
     for record in figures["records"].as_array().unwrap() {
@@ -250,11 +246,7 @@ fn signals_are_written_as_tables_that_fit_the_figures() {
         &["identify", "signals/a.csv", "--effects", "gain"],
         folder.path(),
     );
-    assert!(
-        again.status.success(),
-        "{}",
-        String::from_utf8_lossy(&again.stderr)
-    );
+    assert_done(&again);
 }
 
 /// The sentence at the head of the page is that of the terminal, and its error that of the JSON.
@@ -275,11 +267,7 @@ fn the_page_of_a_comparison_says_what_the_terminal_says() {
             &words("identify . --effects gain --out m.toml --force"),
             folder.path(),
         );
-        assert!(
-            made.status.success(),
-            "{}",
-            String::from_utf8_lossy(&made.stderr)
-        );
+        assert_done(&made);
         let compared = hysteron(
             &[
                 "compare", "m.toml", ".", "--json", "c.json", "--report", "c.html", "--force",

@@ -2,7 +2,7 @@
 //! what the board receives.
 #![cfg(unix)]
 
-use crate::common::{self, words};
+use crate::common::{self, assert_done, words};
 
 use common::page::{Served, body};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -279,11 +279,7 @@ fn a_sine_is_where_it_is_in_time_and_frequency_and_the_file_is_a_recording() {
         &words("identify block.csv --effects gain --json fit.json --out m.toml"),
         folder.path(),
     );
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_done(&output);
     let missing = format!("{}&block=999999", scope.path("/save"));
     assert_eq!(scope.asked("GET", &missing, &[], b"").0, 404);
 
