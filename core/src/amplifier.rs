@@ -55,10 +55,14 @@ use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow};
+use crate::swing_watch::SwingWatch;
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
 pub const ZERO_TICKS: u32 = 1024;
+
+/// Ticks of what is played until another command ends it.
+pub const ENDLESS_TICKS: u32 = u32::MAX;
 
 /// Rest that an identification begins with, ticks.
 pub const REST_BEFORE_TICKS: u32 = 4096;
@@ -84,6 +88,52 @@ pub enum Mode {
     Fault = 3,
 }
 
+/// Mode and fault of a tick, when everything has looked at it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// What the amplifier is doing.
+    pub mode: Mode,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+}
+
+impl Status {
+    /// As a sample of the trace has it: the mode in the low byte, the fault in the next.
+    #[inline]
+    #[must_use]
+    pub fn flags(self) -> u16 {
+        self.mode as u16 | (self.fault.map_or(0, |fault| fault as u16) << 8)
+    }
+
+    /// What a sample of the trace says.
+    #[must_use]
+    pub fn from_flags(flags: u16) -> Self {
+        let mode = match flags as u8 {
+            0 => Mode::Rest,
+            1 => Mode::Playing,
+            2 => Mode::Closed,
+            _ => Mode::Fault,
+        };
+        Self {
+            mode,
+            fault: Fault::from_number((flags >> 8) as u8),
+        }
+    }
+}
+
+impl Mode {
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rest => "rest",
+            Self::Playing => "playing",
+            Self::Closed => "closed",
+            Self::Fault => "fault",
+        }
+    }
+}
+
 /// Commands of the amplifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
@@ -104,7 +154,7 @@ pub enum Command {
         waveform: Waveform<Volts>,
         /// Its offset.
         offset: Volts,
-        /// How long, ticks.
+        /// How long, ticks; [`ENDLESS_TICKS`]: until another command.
         ticks: u32,
     },
     /// Plays one cycle over the whole range, rests, and zeroes the sensor.
@@ -164,6 +214,9 @@ pub enum Refusal {
     NoBlock,
     /// The actuator was not conditioned since the start or the last fault.
     NotConditioned,
+    /// The power stage was switched on without a self-test, and no conditioning has shown since that the
+    /// sensor follows the drive as the model says.
+    NotTested,
     /// A reference or a drive leaves its limits ([`crate::command_limits`]).
     BeyondLimits,
     /// The power stage is off: nobody has armed it since the start or the last fault.
@@ -179,6 +232,7 @@ pub enum Refusal {
 #[repr(C)]
 pub struct Amplifier {
     guard: Guard,
+    swing: SwingWatch,
     mode: Mode,
     fault: Option<Fault>,
     /// What nothing clears.
@@ -199,6 +253,10 @@ pub struct Amplifier {
     self_test: Option<SelfTest>,
     armed: bool,
     powered: bool,
+    /// A self-test or a conditioning has shown that the stage is the model's, and no fault since.
+    tested: bool,
+    /// No loop is closed without.
+    test_required: bool,
     /// The amplifier plays this code until another command.
     held_code: Option<DriveCode>,
     zeroed: bool,
@@ -255,6 +313,7 @@ impl Amplifier {
         Self {
             servo,
             guard: Guard::new(parameters.guard),
+            swing: SwingWatch::new(&parameters),
             mode: Mode::Rest,
             fault: None,
             for_good: None,
@@ -274,6 +333,8 @@ impl Amplifier {
             self_test: None,
             armed: false,
             powered: false,
+            tested: false,
+            test_required: false,
             held_code: None,
             zeroed: false,
             conditioned: false,
@@ -290,6 +351,7 @@ impl Amplifier {
         self.mode = Mode::Fault;
         self.conditioned = false;
         self.armed = false;
+        self.tested = false;
         if fault.is_of_output() {
             self.switch_off();
         }
@@ -308,6 +370,12 @@ impl Amplifier {
     /// ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
     pub fn limit_current(&mut self, mean_square_codes: u64) {
         self.most_change = mean_square_codes << CURRENT_SHIFT;
+    }
+
+    /// From now on no loop is closed that neither a self-test nor a conditioning has tried
+    /// ([`crate::safety_envelope::SafetyEnvelope::closes_untested`]).
+    pub fn require_test(&mut self) {
+        self.test_required = true;
     }
 
     /// Changes a section of a filter, as [`Command::Filter`] does.
@@ -402,20 +470,28 @@ impl Amplifier {
                 self.at_rest()?;
                 self.powered = true;
                 self.armed = !tested;
+                self.tested = false;
                 if tested {
                     self.begin_playing(0, 0);
                     self.self_test = Some(SelfTest::new(&self.parameters));
                 }
             }
             _ if !self.armed => return Err(Refusal::NotArmed),
+            // A loop that is closed goes on with what it follows.
+            Command::Enable if self.mode == Mode::Closed => {}
             Command::Enable => {
                 if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
+                }
+                if self.test_required && !self.tested {
+                    return Err(Refusal::NotTested);
                 }
                 if self.conditioning_required && !self.conditioned {
                     return Err(Refusal::NotConditioned);
                 }
                 self.begin_reference();
+                self.guard.begin_loop();
+                self.swing.begin(self.code);
                 self.mode = Mode::Closed;
             }
             Command::Play {
@@ -485,6 +561,7 @@ impl Amplifier {
         self.parameters.servo.converters.adc_zero = zero;
         self.servo.exchange(&self.parameters.servo);
         self.guard.watch_with(self.parameters.guard);
+        self.swing.watch_with(&self.parameters);
         Ok(())
     }
 
@@ -591,12 +668,13 @@ impl Amplifier {
         self.code = match (self.mode, reading) {
             (Mode::Closed, Some(code)) => {
                 let wanted = self.servo.tick(code, self.generator.next_value());
-                let error = self
-                    .servo
-                    .reference()
-                    .to_bits()
-                    .saturating_sub(self.servo.reading().to_bits());
-                match self.guard.inspect_loop(error, self.servo.slewing()) {
+                let reference = self.servo.reference().to_bits();
+                let error = reference.saturating_sub(self.servo.sensed().to_bits());
+                let fault = self
+                    .guard
+                    .inspect_loop(error, self.servo.slewing())
+                    .or_else(|| self.swing.inspect(wanted, reference));
+                match fault {
                     None => wanted,
                     Some(fault) => {
                         self.refuse(fault);
@@ -626,7 +704,7 @@ impl Amplifier {
             },
             applied: self.servo.applied().to_bits(),
             unknown_input: self.servo.unknown_input(),
-            flags: self.mode as u16 | (self.fault.map_or(0, |fault| fault as u16) << 8),
+            flags: self.status().flags(),
         }
     }
 
@@ -634,6 +712,7 @@ impl Amplifier {
     fn switch_off(&mut self) {
         self.powered = false;
         self.conditioned = false;
+        self.tested = false;
     }
 
     /// The next code of the self-test.
@@ -653,6 +732,7 @@ impl Amplifier {
             Some(Ok(())) => {
                 self.self_test = None;
                 self.armed = true;
+                self.tested = true;
                 self.mode = Mode::Rest;
             }
             Some(Err(fault)) => self.refuse(fault),
@@ -694,16 +774,14 @@ impl Amplifier {
         self.servo.reset_counters();
         self.zeroed = true;
         self.conditioned = true;
+        self.tested = true;
         self.mode = Mode::Rest;
     }
 
-    /// The code of a drive (V with 22 fraction bits) within its limits.
+    /// The code of a drive, V with 22 fraction bits; [`ServoTick::open_loop`] has its limits.
     #[inline]
     fn code_for(&self, drive: i32) -> DriveCode {
-        let c = &self.parameters.servo.converters;
-        DriveCode::new(c.steps(drive).max(0) as u32)
-            .max(c.dac_code_min)
-            .min(c.dac_code_max)
+        DriveCode::new(self.parameters.servo.converters.steps(drive).max(0) as u32)
     }
 
     /// The next code of an open-loop drive.
@@ -720,7 +798,9 @@ impl Amplifier {
             return self.servo.open_loop(self.guard.towards_rest(self.code));
         }
         if self.remaining_ticks > 0 {
-            self.remaining_ticks -= 1;
+            if self.remaining_ticks != ENDLESS_TICKS {
+                self.remaining_ticks -= 1;
+            }
             let mut drive = self.player.next_value().to_bits();
             if self.sweep != 0 {
                 drive = drive.saturating_add(sweep(self.sweep, self.sweep_tick));
@@ -760,6 +840,16 @@ impl Amplifier {
         self.code == self.parameters.guard.rest_code
     }
 
+    /// Mode and fault as of now.
+    #[inline]
+    #[must_use]
+    pub fn status(&self) -> Status {
+        Status {
+            mode: self.mode,
+            fault: self.fault,
+        }
+    }
+
     /// What it is doing.
     #[must_use]
     pub fn mode(&self) -> Mode {
@@ -793,7 +883,7 @@ impl Amplifier {
         self.powered
     }
 
-    /// Whether something may be played and closed.
+    /// Whether something may be played, and closed where it is tested.
     #[inline]
     #[must_use]
     pub fn armed(&self) -> bool {
@@ -1241,6 +1331,79 @@ mod tests {
         assert_eq!(
             (amplifier.fault(), amplifier.powered()),
             (Some(Fault::SensorDoesNotMove), false)
+        );
+    }
+
+    #[test]
+    fn a_loop_that_nothing_has_tried_is_not_closed() {
+        let mut amplifier = armed(example());
+        amplifier.require_test();
+        assert_eq!(
+            amplifier.command(Command::RequireConditioning(false)),
+            Ok(())
+        );
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotTested));
+        let condition = Command::Condition {
+            cycle_ticks: 2000,
+            rest_ticks: 2000,
+        };
+        assert_eq!(amplifier.command(condition), Ok(()));
+        let mut code = amplifier.parameters().guard.rest_code;
+        for k in 0..4500 {
+            code = amplifier.tick(Some(reading(code, k)), false).dac_code;
+        }
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        // Who closes a closed loop again does not begin its reference anew.
+        let sine = Waveform::Multisine {
+            tones: [
+                (1 << 20, Micrometres::from_num(1), 0),
+                (0, Micrometres::from_bits(0), 0),
+                (0, Micrometres::from_bits(0), 0),
+                (0, Micrometres::from_bits(0), 0),
+            ],
+        };
+        let follow = Command::Reference {
+            waveform: sine,
+            offset: Micrometres::from_num(5),
+        };
+        assert_eq!(amplifier.command(follow), Ok(()));
+        let mut before = 0;
+        for k in 0..2000 {
+            if k == 1500 {
+                assert_eq!(amplifier.command(Command::Enable), Ok(()));
+            }
+            let sample = amplifier.tick(Some(reading(code, k)), false);
+            assert!(
+                k < 1000 || sample.reference.abs_diff(before) < 1 << 17,
+                "{k}"
+            );
+            (code, before) = (sample.dac_code, sample.reference);
+        }
+        // Somebody switches off and on again.
+        assert_eq!(amplifier.command(Command::Disarm), Ok(()));
+        for k in 0..2000 {
+            code = amplifier.tick(Some(reading(code, k)), false).dac_code;
+        }
+        assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotTested));
+    }
+
+    #[test]
+    fn an_endless_drive_is_played_without_an_end() {
+        let mut amplifier = armed(example());
+        let endless = Command::Play {
+            waveform: Waveform::Constant,
+            offset: Volts::from_num(9),
+            ticks: ENDLESS_TICKS,
+        };
+        assert_eq!(amplifier.command(endless), Ok(()));
+        let left = amplifier.remaining_ticks;
+        for k in 0..100 {
+            amplifier.tick(Some(reading(DriveCode::new(9_362), k)), false);
+        }
+        assert_eq!(
+            (left, amplifier.remaining_ticks),
+            (ENDLESS_TICKS, ENDLESS_TICKS)
         );
     }
 

@@ -54,6 +54,8 @@ pub struct Received {
     pub too_long: u32,
     /// Lines for which there was no room, forgotten.
     pub no_room: u32,
+    /// Lines of which bytes are missing, forgotten.
+    pub incomplete: u32,
 }
 
 /// The lines that have come and wait: each of up to `LINE` bytes, in a store of `STORE`.
@@ -63,6 +65,8 @@ pub struct CommandLines<const LINE: usize = LINE_BYTES, const STORE: usize = STO
     line: Vec<u8, LINE>,
     /// The line that is coming is longer than any.
     overlong: bool,
+    /// Bytes of it are missing.
+    incomplete: bool,
     store: Deque<u8, STORE>,
     complete: usize,
     /// Of those, the oldest ones: a stop came after them.
@@ -96,6 +100,7 @@ impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
             dialect,
             line: Vec::new(),
             overlong: false,
+            incomplete: false,
             store: Deque::new(),
             complete: 0,
             before_stop: 0,
@@ -113,7 +118,7 @@ impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
                     self.stop(&[STOP_BYTE], &mut received);
                 }
                 b'\n' | b'\r' => self.end_of_line(&mut received),
-                single if self.dialect.single_bytes.contains(&single) => {
+                single if !self.incomplete && self.dialect.single_bytes.contains(&single) => {
                     self.keep(&[single], &mut received)
                 }
                 other => self.overlong |= self.line.push(other).is_err(),
@@ -122,9 +127,17 @@ impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
         received
     }
 
+    /// Bytes are missing here: all up to the next end of a line is forgotten.
+    pub fn lose(&mut self) {
+        self.incomplete = true;
+    }
+
     fn end_of_line(&mut self, received: &mut Received) {
         let line = core::mem::take(&mut self.line);
-        if core::mem::take(&mut self.overlong) {
+        if core::mem::take(&mut self.incomplete) {
+            self.overlong = false;
+            received.incomplete = received.incomplete.saturating_add(1);
+        } else if core::mem::take(&mut self.overlong) {
             received.too_long = received.too_long.saturating_add(1);
         } else if (self.dialect.is_stop)(&line) {
             self.stop(&line, received);
@@ -276,6 +289,23 @@ mod tests {
         for (line, expected) in all.iter().zip(expected) {
             assert_eq!((line.0.as_slice(), line.1), expected);
         }
+    }
+
+    #[test]
+    fn a_line_of_which_bytes_are_missing_is_forgotten_to_its_end() {
+        let mut lines = CommandLines::new();
+        assert_eq!(lines.receive(b"play 1"), Received::default());
+        lines.lose();
+        let received = lines.receive(b"0\nstatus\n");
+        assert_eq!(
+            (received.incomplete, rest(&mut lines)),
+            (1, ["status".into()].into())
+        );
+        // An end of line that is missing joins two lines: both are forgotten. A stop is not.
+        lines.receive(b"enable");
+        lines.lose();
+        assert!(lines.receive(b"play 1 2\x18 3\nstatus\n").stop);
+        assert_eq!(rest(&mut lines), ["status"]);
     }
 
     proptest! {

@@ -1,6 +1,14 @@
 //! The guard: decides at every tick whether the sensor and the loop can be trusted, and names the fault when
 //! they cannot.
 //!
+//! # What is judged of the loop
+//! The error is that of the reading as the converter gave it: a filter of the sensor hides nothing. A spell
+//! of large errors ends only when the error has stayed within its limit for [`GuardParameters::tracking_ticks`]
+//! in a row; a spell that lasts longer than that, with a large error at its end, is a fault. So whatever the
+//! form of an error that exceeds its limit at least once in every so many ticks, the fault comes before
+//! twice as many ticks have passed. A sinusoidal error of an amplitude of `sqrt(2)` limits does that, or
+//! stays too large for that long at once, at every frequency.
+//!
 //! # How it works
 //! [`Guard::inspect`] sees every reading. A fault latches: the amplifier ramps the drive to its rest value
 //! and stays there until the fault is cleared, which is allowed only after the sensor was healthy for
@@ -12,12 +20,13 @@
 //! | sensor out of range | code at or beyond the limits ("railed") | ramp to rest |
 //! | sensor stuck | the same code for longer than noise allows | ramp to rest |
 //! | sensor jump | two codes further apart than physics allows | ramp to rest |
-//! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
+//! | tracking error | larger than the limit for longer than allowed, or again and again | ramp to rest |
+//! | loop swings | the drive turns and the reference does not ([`crate::swing_watch`]) | ramp to rest |
 //! | drive slew | in most of so many ticks the law asked for more than the slew limit | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | emergency stop, interlock, amplifier not ready | open line to the board | ramp to rest, while open |
 //! | host lost | the drive is live and no command came for longer than the host's timeout | ramp to rest |
-//! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
+//! | drive does not arrive | the drive's converter did not take a code | power off at once |
 //! | sensor is noisy, or does not move | [`crate::self_test`], conditioning | ramp to rest |
 //! | sensor moves against the drive | self-test, conditioning | ramp to rest |
 //! | motion is not the model's | self-test, conditioning | ramp to rest |
@@ -26,7 +35,7 @@
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
 //! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
 //! | drive's converter holds another code | its register, read back | power off at once |
-//! | parameter block | at start | rest |
+//! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
 use crate::codes::{DriveCode, SensorCode};
@@ -97,11 +106,15 @@ pub enum Fault {
     DriveNotHeld = 30,
     /// An image that was brought over the line did not become healthy, and the one before it was put back.
     UpdateRolledBack = 31,
+    /// The drive of the closed loop swings, and the reference does not.
+    LoopSwings = 32,
+    /// What the operator kept is damaged, or of another version or sampling rate.
+    KeptSettings = 33,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 31] = [
+    pub const ALL: [(Self, &'static str); 33] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -145,6 +158,11 @@ impl Fault {
         (Self::MonitorOutOfRange, "voltage monitor out of range"),
         (Self::DriveNotHeld, "drive's converter holds another code"),
         (Self::UpdateRolledBack, "update rolled back"),
+        (Self::LoopSwings, "loop swings"),
+        (
+            Self::KeptSettings,
+            "kept settings are damaged or of another version",
+        ),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
@@ -154,7 +172,7 @@ impl Fault {
     pub fn is_of_output(self) -> bool {
         matches!(
             self,
-            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld
+            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld | Self::DriveSilent
         )
     }
 
@@ -190,7 +208,8 @@ pub struct GuardParameters {
     pub jump_codes: u32,
     /// Largest tracking error, um with 24 fraction bits.
     pub tracking_error: i32,
-    /// Ticks for which it may be larger, or for which the law may want more than the slew limit.
+    /// Ticks for which it may be larger, or for which the law may want more than the slew limit; so long it
+    /// must have been smaller before it may be larger again.
     pub tracking_ticks: u16,
     /// Change of the drive in one tick on the way to rest, codes.
     pub ramp_codes: u32,
@@ -206,7 +225,9 @@ pub struct Guard {
     parameters: GuardParameters,
     last_code: Option<SensorCode>,
     same: u16,
+    /// Ticks since the tracking error exceeded its limit, and for how many it has been within it since.
     late: u16,
+    within: u16,
     slewing: u16,
     healthy: u16,
 }
@@ -220,6 +241,7 @@ impl Guard {
             last_code: None,
             same: 0,
             late: 0,
+            within: 0,
             slewing: 0,
             healthy: 0,
         }
@@ -276,6 +298,11 @@ impl Guard {
         self.last_code
     }
 
+    /// The loop is closed anew: what was counted of the last one is forgotten.
+    pub fn begin_loop(&mut self) {
+        (self.late, self.within, self.slewing) = (0, 0, 0);
+    }
+
     /// Looks at the loop: error (um with 24 fraction bits), and whether the law wanted more than the slew
     /// limit.
     #[inline]
@@ -290,12 +317,17 @@ impl Guard {
             self.slewing = 0;
             return Some(Fault::DriveSlew);
         }
-        self.late = if error.saturating_abs() > p.tracking_error {
-            self.late.saturating_add(1)
+        let large = error.saturating_abs() > p.tracking_error;
+        if large {
+            self.within = 0;
+        } else if self.late == 0 || self.within >= p.tracking_ticks {
+            self.late = 0;
+            return None;
         } else {
-            0
-        };
-        (self.late > p.tracking_ticks).then_some(Fault::TrackingError)
+            self.within += 1;
+        }
+        self.late = self.late.saturating_add(1);
+        (large && self.late > p.tracking_ticks).then_some(Fault::TrackingError)
     }
 
     /// Whether the sensor was healthy long enough to clear a fault.
@@ -326,7 +358,9 @@ impl Guard {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
+    use proptest::prelude::*;
 
     const PARAMETERS: GuardParameters = GuardParameters {
         adc_code_min: SensorCode::new(16),
@@ -372,6 +406,58 @@ mod tests {
             (1..20).find(|_| guard.inspect_loop(-(2 << 24), false) == Some(Fault::TrackingError));
         assert_eq!(first, Some(6));
         assert_eq!(guard.inspect_loop(0, false), None);
+    }
+
+    proptest! {
+        /// Any error that exceeds its limit at least once in every `tracking_ticks` ticks, of any form and
+        /// sign, is a fault before twice as many ticks have passed.
+        #[test]
+        fn an_error_that_comes_again_and_again_is_a_fault(
+            ticks in 1u16..400,
+            gaps in prop::collection::vec((0u16..400, any::<bool>(), 1i32..1 << 30), 800),
+        ) {
+            let mut guard = Guard::new(GuardParameters { tracking_ticks: ticks, ..PARAMETERS });
+            let errors = gaps.iter().flat_map(|(gap, negative, beyond)| {
+                let error = (1 << 24) + beyond;
+                let quiet = std::iter::repeat_n(1 << 24, usize::from(gap % ticks));
+                std::iter::once(if *negative { -error } else { error }).chain(quiet)
+            });
+            let first = errors.take(4 * usize::from(ticks)).position(|error| {
+                guard.inspect_loop(error, false) == Some(Fault::TrackingError)
+            });
+            prop_assert!(first.is_some_and(|first| first < 2 * usize::from(ticks)), "{first:?}");
+        }
+
+        /// A sinusoidal error of any frequency whose RMS exceeds the limit is a fault.
+        #[test]
+        fn a_sine_above_the_limit_is_a_fault_at_every_frequency(
+            hz in 0.5f64..9_900.0,
+            more in 1.02f64..20.0,
+            phase in 0.0f64..7.0,
+        ) {
+            let mut guard = Guard::new(GuardParameters { tracking_ticks: 100, ..PARAMETERS });
+            let amplitude = more * 2f64.sqrt() * f64::from(1 << 24);
+            let found = (0..60_000u32).any(|k| {
+                let angle = std::f64::consts::TAU * hz * f64::from(k) / 20_000.0 + phase;
+                guard.inspect_loop((amplitude * angle.sin()) as i32, false).is_some()
+            });
+            prop_assert!(found);
+        }
+
+        /// One spell within `tracking_ticks`, and then as many ticks within the limit, is none.
+        #[test]
+        fn a_short_spell_is_no_fault(ticks in 1u16..400, spell in prop::collection::vec(any::<bool>(), 400)) {
+            let mut guard = Guard::new(GuardParameters { tracking_ticks: ticks, ..PARAMETERS });
+            for _ in 0..5 {
+                for large in &spell[..usize::from(ticks)] {
+                    let error = if *large { 2 << 24 } else { 0 };
+                    prop_assert_eq!(guard.inspect_loop(error, false), None);
+                }
+                for _ in 0..=ticks {
+                    prop_assert_eq!(guard.inspect_loop(0, false), None);
+                }
+            }
+        }
     }
 
     #[test]

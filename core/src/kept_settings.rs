@@ -1,17 +1,19 @@
 //! What an operator has set and asked to keep: bytes that the board keeps in flash beside the blocks.
 //!
-//! None of it makes a drive safe or unsafe: what is damaged, or kept for another stage, is left aside, and
-//! the board begins as a new one does. As bytes it looks as the safety envelope does: a magic, a version,
+//! Safety hangs on it: the host's timeout, the loop's notches, the largest step. So the board does not arm
+//! where what stands there is damaged, of another version or for another sampling rate, and names it
+//! ([`crate::guard::Fault::KeptSettings`]). Where nothing was kept it begins as a new one does. As bytes it looks as the safety envelope does: a magic, a version,
 //! the fields in their order, a checksum.
 
 use crate::filter_design::{FilterSetting, Notch};
+use crate::host_watch::timeout_ticks;
 use crate::loop_telemetry::ResonanceWatch;
 use crate::parameter_block::{BlockError, read_kept, wire_struct, write_kept};
 
 /// First bytes.
 pub const MAGIC: [u8; 4] = *b"HYSK";
 /// Version of the layout.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Bytes, at most.
 pub const SETTINGS_BYTES: usize = 128;
 
@@ -24,10 +26,14 @@ pub struct KeptSettings {
     pub velocity: i64,
     /// Largest tracking error on target, um with 24 fraction bits.
     pub tolerance: i32,
-    /// For so long it must not be larger, ticks.
-    pub settling_ticks: u32,
-    /// For so long no line may come while the drive is live, ticks; 0: for ever.
-    pub host_timeout_ticks: u32,
+    /// For so long it must not be larger, us.
+    pub settling_us: u32,
+    /// For so long no line may come while the drive is live, ms; 0: for ever.
+    pub host_timeout_ms: u32,
+    /// A larger move needs a second word, um with 24 fraction bits; 0: none does.
+    pub largest_move: i32,
+    /// A larger step of an open-loop drive does, V with 22 fraction bits; 0: none does.
+    pub largest_drive_step: i32,
     /// Speed of the line, bit/s.
     pub baud: u32,
     /// The resonance that is listened to.
@@ -52,8 +58,10 @@ wire_struct!(KeptSettings {
     stage,
     velocity,
     tolerance,
-    settling_ticks,
-    host_timeout_ticks,
+    settling_us,
+    host_timeout_ms,
+    largest_move,
+    largest_drive_step,
     baud,
     watch,
     filters
@@ -78,6 +86,9 @@ pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<KeptSettings, BlockErro
         .iter()
         .any(|filter| !filter.accepted(sample_rate_hz))
         || !settings.watch.accepted(sample_rate_hz)
+        || timeout_ticks(settings.host_timeout_ms, sample_rate_hz).is_none()
+        || settings.largest_move < 0
+        || settings.largest_drive_step < 0
     {
         return Err(BlockError::SampleRate(sample_rate_hz));
     }
@@ -97,8 +108,10 @@ mod tests {
             stage: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
             velocity: 500 << 24,
             tolerance: 1 << 20,
-            settling_ticks: 100,
-            host_timeout_ticks: 5000,
+            settling_us: 5000,
+            host_timeout_ms: 250,
+            largest_move: 2 << 24,
+            largest_drive_step: 10 << 22,
             baud: 921_600,
             watch: ResonanceWatch {
                 frequency_millihertz: 735_000,

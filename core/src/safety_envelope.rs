@@ -24,7 +24,7 @@ use crate::servo_parameters::LawParameters;
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// Bytes of the largest envelope.
 pub const ENVELOPE_BYTES: usize = 128;
 
@@ -78,6 +78,12 @@ pub struct SafetyEnvelope {
     pub monitor_tolerance_mv: u16,
     /// Longest time constant of amplifier and monitor together, us.
     pub monitor_lag_us: u32,
+    /// Positions of all codes of the sensor, nm: a block for another sensor closes no loop here.
+    pub sensor_span_nm: u32,
+    /// Largest change of the reading in a tick that a block may call honest, nm.
+    pub jump_within_nm: u32,
+    /// A loop may be closed behind neither a self-test nor a conditioning: a bench without a stage.
+    pub closes_untested: bool,
 }
 
 wire_struct!(SafetyEnvelope {
@@ -104,6 +110,9 @@ wire_struct!(SafetyEnvelope {
     monitor_span_uv,
     monitor_tolerance_mv,
     monitor_lag_us,
+    sensor_span_nm,
+    jump_within_nm,
+    closes_untested,
 });
 
 /// Writes an envelope and returns its length.
@@ -159,7 +168,9 @@ impl SafetyEnvelope {
             && self.tracking_error_nm > 0
             && self.healthy_ms > 0
             && self.capacitance_nf > 0
-            && self.current_ua > 0;
+            && self.current_ua > 0
+            && self.sensor_span_nm > 0
+            && self.jump_within_nm > 0;
         if !limits {
             return Err(BlockError::Range(
                 "every limit of the envelope must be more than none",
@@ -246,6 +257,19 @@ impl SafetyEnvelope {
             .max(1)
     }
 
+    /// Codes of a block by which the drive may change in a tick: a step more than the slew limit, for what
+    /// both round.
+    #[must_use]
+    pub fn slew_codes(&self, parameters: &AmplifierParameters) -> u32 {
+        let rate = u128::from(parameters.physical.sample_rate_hz.max(1));
+        // V/s over Hz: V a tick, over V with 38 fraction bits a step.
+        let step = parameters.servo.converters.dac_step.unsigned_abs();
+        let codes = (u128::from(self.slew_limit_v_s) << 38) / (rate * u128::from(step.max(1)));
+        u32::try_from(codes).map_or(DriveCode::MOST.steps(), |codes| {
+            codes.saturating_add(1).min(DriveCode::MOST.steps())
+        })
+    }
+
     /// Whether a block stays within it.
     ///
     /// # Errors
@@ -305,6 +329,16 @@ impl SafetyEnvelope {
         {
             return Err("beyond the safety envelope: the guard of the tracking error is too wide");
         }
+        // um with 24 fraction bits.
+        let jump = (i128::from(guard.jump_codes) * i128::from(c.adc_step)) >> 16;
+        if follows && (jump * 1000) >> 24 > i128::from(self.jump_within_nm) {
+            return Err("beyond the safety envelope: the guard of a sensor's jump is off");
+        }
+        // A share of 2^-10 for what both round.
+        let span = parameters.physical.sensor_span_nm.unsigned_abs();
+        if follows && span.abs_diff(self.sensor_span_nm) > self.sensor_span_nm >> 10 {
+            return Err("beyond the safety envelope: made for another scale of the sensor");
+        }
         let margin = (u32::from(self.sensor_margin) << c.adc_bits) >> 16;
         if guard.adc_code_min.steps() < margin
             || guard.adc_code_max + margin > SensorCode::highest(c.adc_bits)
@@ -349,6 +383,9 @@ pub(crate) mod tests {
             monitor_span_uv: 180_000_000,
             monitor_tolerance_mv: 500,
             monitor_lag_us: 2_000,
+            sensor_span_nm: 15_000,
+            jump_within_nm: 2_000,
+            closes_untested: false,
         }
     }
 
@@ -371,6 +408,8 @@ pub(crate) mod tests {
             |e| e.safe_code = DriveCode::new(0),
             |e| e.stuck_within_ms = 0,
             |e| e.current_ua = 0,
+            |e| e.jump_within_nm = 0,
+            |e| e.sensor_span_nm = 0,
             |e| e.monitor_at_code_0_uv = 1_000_000,
             |e| e.monitor_tolerance_mv = 0,
             |e| e.monitor_tolerance_mv = 1_500,

@@ -92,6 +92,8 @@ pub struct ServoTick {
     learns: bool,
     /// A section of a filter is on.
     filters: bool,
+    /// The reading as the converter gave it, and behind the filter.
+    sensed: i32,
     reading: i32,
     counters: Counters,
     window: ReferenceWindow,
@@ -136,6 +138,7 @@ impl ServoTick {
             slewing: false,
             learns: false,
             filters: false,
+            sensed: 0,
             reading: 0,
             counters: Counters::default(),
         };
@@ -406,6 +409,7 @@ impl ServoTick {
     #[inline(never)]
     fn follow(&mut self, adc_code: SensorCode, ahead: i32, correction: i32) -> DriveCode {
         let mut signals = (self.parameters.converters.position(adc_code), ahead);
+        self.sensed = signals.0;
         if self.filters {
             signals = self.filter(signals.0, signals.1);
         }
@@ -585,6 +589,12 @@ impl ServoTick {
                 self.hysteresis.as_mut().map_or(0, |h| h.apply(within))
             }
         };
+    }
+
+    /// Position at the last tick as the converter gave it, without the filter of the sensor.
+    #[must_use]
+    pub fn sensed(&self) -> Micrometres {
+        Micrometres::from_bits(self.sensed)
     }
 
     /// Position at the last tick.

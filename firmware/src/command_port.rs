@@ -1,10 +1,11 @@
 //! The tasks' way to the amplifier: every task that takes commands from somebody gives them here.
 //!
 //! Commands are queued and act in their order, at most one in a tick. [`stop`] is not queued: it acts at the
-//! next tick, past everything that waits, and forgets it.
+//! next tick, past everything that waits, and forgets it. It may come from an interrupt, so what is queued and
+//! how far the queue stands change together, in a critical section.
 
 use core::cell::RefCell;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Command;
@@ -17,6 +18,8 @@ static QUEUE: ThreadModeMutex<RefCell<Option<Producer<Scheduled, COMMAND_QUEUE>>
 
 /// Stops so far, wrapping.
 static STOPS: AtomicU32 = AtomicU32::new(0);
+/// Commands ever queued, wrapping.
+static POSITION: AtomicUsize = AtomicUsize::new(0);
 
 fn with_queue<T>(
     otherwise: T,
@@ -36,9 +39,18 @@ pub fn open(queue: Producer<Scheduled, COMMAND_QUEUE>) {
 /// Gives a command to the amplifier; `false` if too many wait. What becomes of it comes as a
 /// [`control::Reply`] to `from`.
 pub fn submit(from: Source, at: Option<u32>, command: Command) -> bool {
-    with_queue(false, |queue| {
-        queue.enqueue(Scheduled { from, at, command })
+    critical_section::with(|_| {
+        with_queue(false, |queue| {
+            let taken = queue.enqueue(Scheduled { from, at, command });
+            POSITION.store(queue.position(), Ordering::Relaxed);
+            taken
+        })
     })
+}
+
+/// Gives a command to the amplifier, unless it was stopped since there were so many stops: `None`.
+pub fn submit_unless_stopped(from: Source, command: Command, stops_so_far: u32) -> Option<bool> {
+    critical_section::with(|_| (stops() == stops_so_far).then(|| submit(from, None, command)))
 }
 
 /// Whether another command finds room.
@@ -46,10 +58,10 @@ pub fn has_room() -> bool {
     with_queue(false, |queue| queue.has_room())
 }
 
-/// Stops the amplifier at the next tick.
+/// Stops the amplifier at the next tick. Tasks and the serial port's interrupt may call it.
 pub fn stop() {
-    STOPS.store(stops().wrapping_add(1), Ordering::Relaxed);
-    control::stop(with_queue(0, |queue| queue.position()));
+    STOPS.fetch_add(1, Ordering::Relaxed);
+    control::stop(POSITION.load(Ordering::Relaxed));
 }
 
 /// Stops so far, wrapping: who gives several commands one after the other gives no more of them when this has

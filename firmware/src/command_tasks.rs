@@ -2,7 +2,7 @@
 
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
-use hysteron_core::amplifier::{Command, Refusal};
+use hysteron_core::amplifier::{Command, Refusal, Status};
 use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
 use hysteron_core::command_schedule::CannotWait;
 use hysteron_core::command_text::{Line, parse};
@@ -56,7 +56,7 @@ pub async fn commands(mut channel: DownChannel) {
 /// Says what became of commands, and what the amplifier does, whenever it changes.
 #[embassy_executor::task]
 pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
-    let mut flags = u32::MAX;
+    let mut status = None;
     let mut captured = false;
     loop {
         task_clock::next().await;
@@ -71,10 +71,9 @@ pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
             defmt::info!("capture is complete: `capture send` reads it out");
         }
         captured = full;
-        let now = control::flags();
-        if now != flags {
-            flags = now;
-            say_mode(flags);
+        let now = control::status();
+        if status.replace(now) != Some(now) {
+            say_status(now);
         }
     }
 }
@@ -120,6 +119,7 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::NoBlock => {
             "no valid parameter block or no safety envelope: bring one, then `restart`"
         }
+        Refusal::NotTested => "neither a self-test nor a conditioning has tried the stage: `arm`",
         Refusal::NotArmed => "not armed since the start or the last fault: `arm`",
         Refusal::LoopOpen => "only with the loop closed",
         Refusal::NotConditioned => {
@@ -136,14 +136,9 @@ fn cannot_wait_text(reason: CannotWait) -> &'static str {
     }
 }
 
-fn say_mode(flags: u32) {
-    let mode = match flags as u8 {
-        0 => "rest",
-        1 => "playing",
-        2 => "closed",
-        _ => "fault",
-    };
-    match Fault::from_number((flags >> 8) as u8) {
+fn say_status(status: Status) {
+    let mode = status.mode.name();
+    match status.fault {
         None => defmt::info!("mode {=str}", mode),
         Some(fault) => defmt::error!("mode {=str}: {=str}", mode, fault.name()),
     }

@@ -13,12 +13,13 @@ use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
-use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal};
+use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal, Status};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
 use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::HostWatch;
+use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
 
@@ -102,16 +103,14 @@ pub struct Control {
     pub late_cycles: u32,
     /// The cycle counter at the last tick; `None` before the first.
     pub last_cycles: Option<u32>,
-    /// There is an envelope and a block: the drive's converter is given codes.
-    pub drives: bool,
     /// The amplifier's voltage monitor is wired.
     pub has_monitor: bool,
-    /// Codes that may act, lowest and highest, whatever block and law say.
-    pub envelope: (DriveCode, DriveCode),
+    /// What may act, whatever block and law say; `None` without an envelope, where nothing is driven.
+    pub limit: Option<OutputLimit>,
     /// Times that the tick counter has begun again.
     pub turns: u32,
     /// The fault that was latched last.
-    pub latched: u8,
+    pub latched: Option<Fault>,
     /// Servo, guard and modes.
     pub amplifier: Amplifier,
 }
@@ -154,11 +153,10 @@ impl Control {
     /// what acts is not what the servo remembers.
     #[inline(always)]
     fn drive(&mut self, code: DriveCode, renews: bool) {
-        if !self.drives {
+        let Some(limit) = &mut self.limit else {
             return;
-        }
-        let (lowest, highest) = self.envelope;
-        let within = code.max(lowest).min(highest);
+        };
+        let (within, changed) = limit.pass(code);
         let taken = if renews {
             self.front_end.renew()
         } else {
@@ -167,7 +165,7 @@ impl Control {
         if !taken {
             self.amplifier.refuse(Fault::DriveSilent);
         }
-        if within != code {
+        if changed {
             self.amplifier.refuse(Fault::BeyondEnvelope);
         }
         if !self.front_end.holds() {
@@ -177,10 +175,10 @@ impl Control {
 
     #[inline(never)]
     #[unsafe(link_section = ".control_code")]
-    fn note(&mut self, tick: u32, fault: u8) {
+    fn note(&mut self, tick: u32, fault: Option<Fault>) {
         self.latched = fault;
-        if fault != 0 {
-            event_log::write(tick, fault);
+        if let Some(fault) = fault {
+            event_log::write(tick, fault as u8);
         }
     }
 
@@ -253,8 +251,8 @@ static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
 pub struct State {
     /// Ticks since the start.
     pub ticks: u64,
-    /// Mode (low byte) and fault (next byte).
-    pub flags: u32,
+    /// Mode and fault.
+    pub status: Status,
     /// What the sensor's converter gave.
     pub adc_code: SensorCode,
     /// What the drive's converter was given.
@@ -284,7 +282,10 @@ pub struct State {
 impl State {
     const BEFORE_THE_START: Self = Self {
         ticks: 0,
-        flags: 0,
+        status: Status {
+            mode: Mode::Rest,
+            fault: None,
+        },
         adc_code: SensorCode::new(0),
         dac_code: DriveCode::new(0),
         reference: 0,
@@ -355,7 +356,7 @@ pub struct Report {
     /// The same, mean over about the last 256 ticks.
     pub recent_tick_cycles: u32,
     /// Mode (low byte) and fault (next byte).
-    pub flags: u32,
+    pub flags: u16,
 }
 
 /// The interrupt's state as of the last tick. Largest values begin again.
@@ -368,7 +369,7 @@ pub fn report() -> Report {
         latest_entry_counts: LATEST_ENTRY_COUNTS.swap(0, Ordering::Relaxed),
         most_tick_cycles: MOST_TICK_CYCLES.swap(0, Ordering::Relaxed),
         recent_tick_cycles: RECENT_TICK_CYCLES.load(Ordering::Relaxed) >> RECENT_SHIFT,
-        flags: flags(),
+        flags: status().flags(),
     }
 }
 
@@ -377,16 +378,15 @@ pub fn ticks() -> u32 {
     state().ticks as u32
 }
 
-/// Mode (low byte) and fault (next byte) of the last tick.
-pub fn flags() -> u32 {
-    state().flags
+/// Mode and fault of the last tick.
+pub fn status() -> Status {
+    state().status
 }
 
 /// Whether the drive does not move: at rest or stopped by a fault, the ramp to rest ended.
 pub fn drive_rests() -> bool {
     let state = state();
-    let mode = state.flags as u8;
-    (mode == Mode::Rest as u8 || mode == Mode::Fault as u8) && state.rests
+    matches!(state.status.mode, Mode::Rest | Mode::Fault) && state.rests
 }
 
 /// Whether the power stage is on.
@@ -546,33 +546,34 @@ extern "C" fn TIM2() {
         .amplifier
         .hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
     let begin = DWT::cycle_count();
-    let sample = control.amplifier.tick(reading, overrun);
+    let mut sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
-    let stopped = sample.flags as u8 == Mode::Fault as u8;
-    let rests =
-        control.amplifier.drive_rests() && (stopped || sample.flags as u8 == Mode::Rest as u8);
+    let rests = control.amplifier.drive_rests()
+        && matches!(control.amplifier.mode(), Mode::Rest | Mode::Fault);
     control.drive(sample.dac_code, rests && sample.tick & RENEW_MASK == 0);
+    // Only now everything has looked at the tick.
+    let status = control.amplifier.status();
+    sample.flags = status.flags();
     safety_lines::set_enable(control.amplifier.powered());
 
-    if stopped {
+    if status.mode == Mode::Fault {
         // What was planned before a fault must not act after it.
         control.schedule.forget_all();
     }
     let packed = sample.packed();
-    control.recorder.take(&packed, sample.flags as u8);
+    control.recorder.take(&packed, status.mode);
     if !control.samples.enqueue(packed) {
         count(&LOST_SAMPLES);
     }
     control.tick = control.tick.wrapping_add(1);
     control.turns = control.turns.wrapping_add(u32::from(control.tick == 0));
-    let fault = (sample.flags >> 8) as u8;
-    if fault != control.latched {
-        control.note(sample.tick, fault);
+    if status.fault != control.latched {
+        control.note(sample.tick, status.fault);
     }
     let amplifier = &control.amplifier;
     publish(State {
         ticks: u64::from(control.turns) << 32 | u64::from(control.tick),
-        flags: sample.flags.into(),
+        status,
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
         reference: sample.reference,

@@ -24,6 +24,7 @@ mod ring;
 mod safety_lines;
 mod sample_clock;
 mod serial_device;
+mod serial_line;
 mod serial_port;
 mod settings;
 mod stack;
@@ -39,6 +40,7 @@ use hysteron_core::amplifier::Amplifier;
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
+use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::output_monitor::OutputMonitor;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
@@ -76,7 +78,7 @@ async fn main(spawner: Spawner) {
     event_log::begin();
     let rolled_back = update::load();
     let envelope = settings::load_envelope();
-    settings::load_kept(SAMPLE_RATE_HZ);
+    let kept_are_refused = !settings::load_kept(SAMPLE_RATE_HZ);
     let block = settings::load(SAMPLE_RATE_HZ);
     let refused = match (&envelope, &block) {
         (None, _) => Some(Fault::NoEnvelope),
@@ -123,9 +125,7 @@ async fn main(spawner: Spawner) {
             commands: command_consumer,
             replies: reply_producer,
         },
-        envelope.map_or((DriveCode::new(0), DriveCode::MOST), |envelope| {
-            envelope.limits_of(bits.dac)
-        }),
+        kept_are_refused,
         clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
         rolled_back,
     );
@@ -158,7 +158,7 @@ fn hand_over(
     parameters: AmplifierParameters,
     refused: Option<Fault>,
     ends: Ends,
-    envelope: (DriveCode, DriveCode),
+    kept_are_refused: bool,
     late_cycles: u32,
     rolled_back: bool,
 ) {
@@ -170,11 +170,17 @@ fn hand_over(
         defmt::error!("last restart: {=str}", cause.name());
         amplifier.refuse(cause);
     }
+    if kept_are_refused {
+        amplifier.refuse(Fault::KeptSettings);
+    }
     if let Some(fault) = refused {
         amplifier.refuse_for_good(fault);
     }
     if let Some(envelope) = settings::envelope() {
         amplifier.limit_current(envelope.mean_square_codes(amplifier.parameters()));
+        if !envelope.closes_untested {
+            amplifier.require_test();
+        }
         if let Some(monitor) = envelope.monitor(SAMPLE_RATE_HZ) {
             amplifier.watch_output(OutputMonitor::new(monitor));
         }
@@ -190,6 +196,9 @@ fn hand_over(
         commands,
         replies,
     } = ends;
+    let limit = settings::envelope()
+        .filter(|_| refused.is_none())
+        .map(|envelope| OutputLimit::new(&envelope, amplifier.parameters()));
     control::hand_over(Control {
         front_end,
         amplifier,
@@ -202,11 +211,10 @@ fn hand_over(
         overrun: false,
         late_cycles,
         last_cycles: None,
-        drives: refused.is_none(),
         has_monitor: settings::envelope().is_some_and(|envelope| envelope.monitor_span_uv > 0),
-        envelope,
+        limit,
         turns: 0,
-        latched: 0,
+        latched: None,
     });
 }
 

@@ -152,7 +152,7 @@ pub struct Recorder {
     /// Ticks until the next sample is kept.
     skip: u32,
     remaining: Option<u32>,
-    mode: u8,
+    mode: Mode,
     /// A command acted in this tick.
     command_acts: bool,
     /// The recording that waits for a command has begun.
@@ -167,7 +167,7 @@ impl Recorder {
             written: 0,
             skip: 0,
             remaining: None,
-            mode: 0,
+            mode: Mode::Rest,
             command_acts: false,
             begun: false,
         }
@@ -181,7 +181,7 @@ impl Recorder {
 
     /// Takes the sample of a tick, and the mode in it.
     #[inline(always)]
-    pub fn take(&mut self, sample: &PackedSample, mode: u8) {
+    pub fn take(&mut self, sample: &PackedSample, mode: Mode) {
         let before = core::mem::replace(&mut self.mode, mode);
         let command_acts = core::mem::replace(&mut self.command_acts, false);
         if STATE.load(Ordering::Acquire) != State::Armed as u8 {
@@ -211,7 +211,7 @@ impl Recorder {
         }
         self.written = self.written.wrapping_add(1);
         WRITTEN.store(self.written, Ordering::Relaxed);
-        let changed_to = |wanted: Mode| mode == wanted as u8 && before != wanted as u8;
+        let changed_to = |wanted: Mode| mode == wanted && before != wanted;
         let remaining = match self.remaining {
             Some(remaining) => remaining - 1,
             None => {

@@ -2,7 +2,6 @@
 
 use core::sync::atomic::AtomicI32;
 
-use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::ImageHeader;
 use hysteron_core::guard::Fault;
@@ -31,16 +30,10 @@ impl Device for Target {
     fn view(&self) -> View {
         // All of one tick; for how long the error has been small is the trace task's, some ticks old.
         let (state, on_target_ticks) = (control::state(), telemetry::on_target_ticks());
-        let mode = match state.flags as u8 {
-            0 => Mode::Rest,
-            1 => Mode::Playing,
-            2 => Mode::Closed,
-            _ => Mode::Fault,
-        };
         View {
             tick: state.ticks,
-            mode,
-            fault: Fault::from_number((state.flags >> 8) as u8),
+            mode: state.status.mode,
+            fault: state.status.fault,
             adc_code: state.adc_code,
             dac_code: state.dac_code,
             reference: state.reference,

@@ -2,8 +2,9 @@
 //! 8N1.
 //!
 //! # How it works
-//! One task takes bytes as they come and tells a stop at once, whatever the other is doing; the lines wait in
-//! [`LINES`]. The other task obeys them one after the other and sends the answers. Its work comes in pieces
+//! The port's interrupt ([`crate::serial_line`]) takes bytes as they come, and lets a stop byte act at once.
+//! One task makes lines of them, which wait in [`LINES`], and forgets a line of which bytes are missing. The
+//! other task obeys them one after the other and sends the answers. Its work comes in pieces
 //! ([`Session::next`]), between which the first has its turn. The port's interrupt is far below the control
 //! interrupt.
 
@@ -14,12 +15,13 @@ use embassy_executor::Spawner;
 use embassy_futures::yield_now;
 use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx, Config};
+use embassy_stm32::usart::Config;
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
-use embedded_io_async::{Read, Write};
 use hysteron_core::amplifier::Command;
+use hysteron_core::command_lines::{Received, STOP_BYTE};
+use hysteron_core::line_input::Arrived;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_protocol::session::{Outcome, Piece, Session, Step};
 use hysteron_protocol::{DIALECT, Lines};
@@ -28,12 +30,11 @@ use static_cell::StaticCell;
 use crate::board::{Board, Platform};
 use crate::control::{self, Reply, Source};
 use crate::serial_device::{Target, WAVES};
+use crate::serial_line::{self, SerialLine};
 use crate::{command_port, settings, spawn, task_clock};
 
 /// The line's speed after a start, unless the operator kept another, bit/s.
 const BAUD: u32 = 115_200;
-/// Bytes on their way out of and into the port.
-const BUFFER_BYTES: usize = 256;
 /// Periods of the tasks' clock that an answer of the amplifier takes at most: far more than the ticks of a
 /// full queue.
 const MOST_PERIODS: u32 = 100;
@@ -43,8 +44,8 @@ static LINES: ThreadModeMutex<RefCell<Lines>> =
 static LINE_CAME: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static TOO_LONG: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static NO_ROOM: Signal<ThreadModeRawMutex, ()> = Signal::new();
+static INCOMPLETE: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static REPLY: Signal<ThreadModeRawMutex, Reply> = Signal::new();
-static BUFFERS: StaticCell<[[u8; BUFFER_BYTES]; 2]> = StaticCell::new();
 /// The line's speed, and whether the port has it already.
 static LINE_BAUD: AtomicU32 = AtomicU32::new(BAUD);
 static BAUD_CHANGED: Signal<ThreadModeRawMutex, u32> = Signal::new();
@@ -58,13 +59,12 @@ pub fn open(spawner: Spawner, peripherals: Peripherals, parameters: AmplifierPar
     let baud = settings::kept_settings().map_or(BAUD, |kept| kept.baud);
     config.baudrate = baud;
     LINE_BAUD.store(baud, Ordering::Relaxed);
-    let [outgoing, incoming] = BUFFERS.init([[0; BUFFER_BYTES]; 2]);
-    match Board::serial_port(peripherals, outgoing, incoming, config) {
+    match Board::serial_port(peripherals, config) {
         Ok(port) => {
-            let (transmitter, receiver) = port.split();
+            let line = SerialLine::open(port);
             let session = SESSION.init_with(|| Session::new(Target, parameters, &WAVES));
-            spawn(spawner, receiving(receiver));
-            spawn(spawner, obeying(transmitter, session));
+            spawn(spawner, receiving());
+            spawn(spawner, obeying(line, session));
         }
         Err(_) => defmt::error!("the serial port cannot be set up"),
     }
@@ -91,35 +91,52 @@ pub fn take(reply: Reply) {
 }
 
 #[embassy_executor::task]
-async fn receiving(mut receiver: BufferedUartRx<'static>) {
-    let mut bytes = [0; 64];
+async fn receiving() {
     loop {
-        // A garbled byte makes a wrong line, which the answer reports.
-        let count = receiver.read(&mut bytes).await.unwrap_or(0);
-        let (received, came) = LINES.lock(|lines| {
-            let mut lines = lines.borrow_mut();
-            let before = lines.waiting();
-            let received = lines.receive(bytes.get(..count).unwrap_or(&[]));
-            (received, lines.waiting() > before)
-        });
-        if came || received.stop || received.no_room > 0 {
-            control::hear_host();
+        serial_line::CAME.wait().await;
+        let mut stop_came = false;
+        while let Some(arrived) = serial_line::INPUT.take() {
+            stop_came |= arrived == Arrived::Byte(STOP_BYTE);
+            let (received, came) = LINES.lock(|lines| {
+                let mut lines = lines.borrow_mut();
+                let before = lines.waiting();
+                let received = match arrived {
+                    Arrived::Byte(byte) => lines.receive(&[byte]),
+                    Arrived::Loss => {
+                        lines.lose();
+                        Received::default()
+                    }
+                };
+                (received, lines.waiting() > before)
+            });
+            if came || received.stop || received.no_room > 0 {
+                control::hear_host();
+            }
+            // The byte has acted in the interrupt.
+            if received.stop && arrived != Arrived::Byte(STOP_BYTE) {
+                command_port::stop();
+            }
+            if received.too_long > 0 {
+                TOO_LONG.signal(());
+            }
+            if received.no_room > 0 {
+                NO_ROOM.signal(());
+            }
+            if received.incomplete > 0 {
+                INCOMPLETE.signal(());
+            }
         }
-        if received.stop {
-            command_port::stop();
-        }
-        if received.too_long > 0 {
-            TOO_LONG.signal(());
-        }
-        if received.no_room > 0 {
-            NO_ROOM.signal(());
+        let stop_waited = serial_line::stop_waits();
+        if serial_line::all_taken() && stop_waited && !stop_came {
+            // The byte found no room: what waits came before it all the same.
+            LINES.lock(|lines| lines.borrow_mut().receive(&[STOP_BYTE]));
         }
         LINE_CAME.signal(());
     }
 }
 
 #[embassy_executor::task]
-async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut Session<Target>) {
+async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
     let mut piece = Piece::new();
     loop {
         LINE_CAME.wait().await;
@@ -132,11 +149,14 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
             if NO_ROOM.try_take().is_some() {
                 session.overrun();
             }
-            session.obey(&line.bytes, line.before_stop);
+            if INCOMPLETE.try_take().is_some() {
+                session.lost_bytes();
+            }
+            session.obey(&line.bytes, line.before_stop || serial_line::stop_waits());
             loop {
                 match session.next(&mut piece) {
                     Step::Done => break,
-                    Step::Send => send(&mut transmitter, &piece).await,
+                    Step::Send => port.send(&piece).await,
                     Step::Command(command) => {
                         let outcome = submit(command, stops).await;
                         session.outcome(outcome);
@@ -145,48 +165,27 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
                 }
             }
             if RESTART.try_take().is_some() {
-                let _ = transmitter.flush().await;
                 // Nothing of this port has moved the drive since; the probe may have.
                 if control::drive_rests() {
                     cortex_m::peripheral::SCB::sys_reset();
                 }
             }
-            if let Some(baud) = BAUD_CHANGED.try_take() {
-                change_baud(&mut transmitter, baud).await;
+            if let Some(baud) = BAUD_CHANGED.try_take()
+                && port.set_baud(baud)
+            {
+                LINE_BAUD.store(baud, Ordering::Relaxed);
             }
         }
     }
 }
 
-/// Sends a piece of an answer. The driver of embassy-stm32 0.6 refuses what is longer than its buffer, and is
-/// never woken again where the buffer has too little room: both are avoided by parts that begin with an empty
-/// one.
-async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
-    for part in piece.chunks(BUFFER_BYTES) {
-        // An error of the line itself cannot be sent over it.
-        let _ = transmitter.flush().await;
-        let _ = transmitter.write_all(part).await;
-    }
-}
-
-/// Another speed, between two bytes: the port takes it while it is off.
-async fn change_baud(transmitter: &mut BufferedUartTx<'static>, baud: u32) {
-    let _ = transmitter.flush().await;
-    Board::switch_serial_port(false);
-    if transmitter.set_baudrate(baud).is_ok() {
-        LINE_BAUD.store(baud, Ordering::Relaxed);
-    }
-    Board::switch_serial_port(true);
-}
-
 /// Gives a command to the amplifier, unless it was stopped since, and waits for what becomes of it.
 async fn submit(command: Command, stops: u32) -> Outcome {
     REPLY.reset();
-    if command_port::stops() != stops {
-        return Outcome::Stopped;
-    }
-    if !command_port::submit(Source::Serial, None, command) {
-        return Outcome::NoRoom;
+    match command_port::submit_unless_stopped(Source::Serial, command, stops) {
+        None => return Outcome::Stopped,
+        Some(false) => return Outcome::NoRoom,
+        Some(true) => {}
     }
     for _ in 0..MOST_PERIODS {
         task_clock::next().await;

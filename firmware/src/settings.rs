@@ -8,8 +8,8 @@
 //! refused; a block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]).
 //! So a block that was damaged on its way or in flash leaves the last good one in force.
 //!
-//! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged the board
-//! begins with what a new one has: nothing of it is a matter of safety.
+//! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged nothing arms
+//! before the operator has cleared that fault.
 //!
 //! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that
 //! exceeds it is taken, and without one nothing is.
@@ -165,16 +165,20 @@ pub fn load_envelope() -> Option<SafetyEnvelope> {
     }
 }
 
-/// Looks for what the operator kept.
-pub fn load_kept(sample_rate_hz: u32) {
+/// Looks for what the operator kept; `false` where something is kept that cannot be used. Safety hangs on it.
+pub fn load_kept(sample_rate_hz: u32) -> bool {
     let mut bytes = [0; SETTINGS_BYTES];
     let found =
         flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable);
     match found.and_then(|()| kept_settings::read(&bytes, sample_rate_hz)) {
         Ok(settings) => KEPT.lock(|place| place.set(Some(settings))),
-        Err(BlockError::Absent) => {}
-        Err(error) => defmt::warn!("kept settings left aside: {=str}", error.reason()),
+        Err(BlockError::Absent) if bytes.iter().all(|byte| *byte == 0xFF) => {}
+        Err(error) => {
+            defmt::error!("kept settings refused: {=str}", error.reason());
+            return false;
+        }
     }
+    true
 }
 
 /// What the operator kept, as it was at the start.

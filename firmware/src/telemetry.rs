@@ -8,7 +8,7 @@
 use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
-use hysteron_core::amplifier::Mode;
+use hysteron_core::amplifier::{Mode, Status};
 use hysteron_core::command_limits;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
@@ -107,9 +107,10 @@ pub fn observe(sample: &TraceSample) {
         if sample.adc_code <= guard.adc_code_min || sample.adc_code >= guard.adc_code_max {
             telemetry.railed_ticks = telemetry.railed_ticks.saturating_add(1);
         }
+        let mode = Status::from_flags(sample.flags).mode;
         let limited = sample.dac_code <= converters.dac_code_min
             || sample.dac_code >= converters.dac_code_max;
-        if limited && sample.flags as u8 == Mode::Closed as u8 {
+        if limited && mode == Mode::Closed {
             telemetry.limited_ticks = telemetry.limited_ticks.saturating_add(1);
         }
         let converters = ConverterParameters {
@@ -119,8 +120,7 @@ pub fn observe(sample: &TraceSample) {
         let error = sample
             .reference
             .saturating_sub(converters.position(sample.adc_code));
-        let small = sample.flags as u8 == Mode::Closed as u8
-            && error.saturating_abs() <= telemetry.tolerance;
+        let small = mode == Mode::Closed && error.saturating_abs() <= telemetry.tolerance;
         telemetry.on_target_ticks = if small {
             telemetry.on_target_ticks.saturating_add(1)
         } else {
@@ -134,7 +134,7 @@ pub fn observe(sample: &TraceSample) {
 fn measure(sample: &TraceSample, error: i32, drive: i32) {
     LOOP.lock(|telemetry| {
         let mut telemetry = telemetry.borrow_mut();
-        if sample.flags as u8 != Mode::Closed as u8 {
+        if Status::from_flags(sample.flags).mode != Mode::Closed {
             telemetry.begin();
         } else if telemetry.take(sample.tick, error, drive) == Some(true) {
             say_resonance(telemetry.watch(), telemetry.figures());

@@ -10,7 +10,7 @@
 //!
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 
-use hysteron::servo::commands::check;
+use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};

@@ -5,8 +5,8 @@
 //!
 //! Models come from the wideband recording and are kept in target/servo_from_data.
 
-use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
+use hysteron::servo::named_scheme::with_scheme;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron_research::light_mode_study::{
     MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode,
@@ -80,7 +80,7 @@ fn main() {
             Ok(usual) => {
                 println!("{}", line("usual design", &truth, &usual));
                 for scheme in [
-                    "feedforward-pi",
+                    "pid",
                     "feedforward-pi-notch",
                     "disturbance-observer-inverse",
                     "pidsmoc",

@@ -3,8 +3,9 @@
 
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::gain_adaptation::AdaptationDesign;
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
-use hysteron::servo::predictor::PredictorDesign;
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{BLOCK_TICKS, ONE, SETTLING_TICKS, WINDOW_BLOCKS};
 use hysteron_core::reference_window::WINDOW;
@@ -146,9 +147,9 @@ impl Around {
         };
         let law = PredictorDesign::new(&design.model.linear, tuning);
         let at_rad_s = TAU * 50.0;
-        let late = law
-            .sensitivities(&design.model.linear.sampled(), at_rad_s)
-            .0
+        let plant = design.model.linear.sampled();
+        let late = SampledLoop::new(&law, &plant)
+            .disturbance_response(at_rad_s)
             .norm();
         Self {
             way,

@@ -5,9 +5,10 @@ use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::predictor::{PredictorDesign, frequency_response};
+use hysteron::servo::sampled_loop::frequency_response;
 use hysteron::watch::Unwatched;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::PREVIEW_TICKS;
@@ -240,7 +241,7 @@ fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
     let law = design
         .learning
         .as_ref()
-        .map_or(plain.clone(), |learning| learning.of(&plain));
+        .map_or(plain.clone(), |learning| learning.fed_forward(&plain));
     let plant = design.model.linear.sampled();
     (0..PERIOD_TICKS / 2)
         .map(|h| {

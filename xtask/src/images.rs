@@ -61,8 +61,9 @@ pub fn build() -> Result<(), String> {
 /// is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of its
 /// model. 5 KiB more are the sliding-mode law, the self-test, the judgement of a conditioning, waveforms of
 /// two quantities, and the log of faults. 4 KiB more are the creep of what was applied (1.7), filters (1.1)
-/// and the watch of the output.
-const MOST_CONTROL_CODE_BYTES: u64 = 36 * 1024;
+/// and the watch of the output. 1 KiB more is the watch of a drive that swings, and the last limit of range
+/// and slew.
+const MOST_CONTROL_CODE_BYTES: u64 = 37 * 1024;
 /// All of the NUCLEO-G474RE's memory for it; there `hysteron-core` is compiled for its size.
 const MOST_G474RE_CONTROL_CODE_BYTES: u64 = 32 * 1024;
 /// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option

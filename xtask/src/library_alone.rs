@@ -1,9 +1,10 @@
-//! The library without its default features: what it may not depend on. That it builds for a browser is shown
-//! by [`crate::lab_page`].
+//! The library without its default features: what it may not depend on, and that it builds. That it builds for
+//! a browser, with the readers, is shown by [`crate::lab_page`].
 
 use std::collections::BTreeSet;
 
 use crate::dependency_tree::packages;
+use crate::workspace::{cargo, root};
 
 /// What belongs to a command line, to threads or to the decoder of the firmware's trace.
 const NOT_IN_IT: [&str; 7] = [
@@ -35,8 +36,8 @@ fn names() -> Result<BTreeSet<String>, String> {
         .collect())
 }
 
-/// Fails where the tree has what it may not have.
-pub fn dependencies() -> Result<(), String> {
+/// Fails where the tree has what it may not have, or does not compile.
+pub fn check() -> Result<(), String> {
     let names = names()?;
     if !names.contains("hysteron-sim") {
         return Err(format!(
@@ -53,11 +54,16 @@ pub fn dependencies() -> Result<(), String> {
             names.len(),
             NOT_IN_IT.join(", ")
         );
-        Ok(())
     } else {
-        Err(format!(
+        return Err(format!(
             "the library without default features depends on {}",
             wrong.join(", ")
-        ))
+        ));
     }
+    let alone = ["--package", "hysteron", "--no-default-features"];
+    cargo(
+        &[&["check", "--quiet", "--release"], &alone[..]].concat(),
+        &root(),
+        &[],
+    )
 }

@@ -44,24 +44,23 @@ pub fn check() -> Result<(), String> {
 
 /// Pages with tables, and their texts.
 fn pages() -> Result<Vec<(PathBuf, String)>, String> {
-    let mut found = Vec::new();
+    let mut paths = vec![root().join("README.md")];
     for folder in ["docs/results", "docs/reference", "docs/guides"] {
         let entries =
             std::fs::read_dir(root().join(folder)).map_err(|e| format!("{folder}: {e}"))?;
-        for path in entries
-            .flatten()
-            .map(|entry| entry.path())
-            .filter(|path| path.extension().is_some_and(|e| e == "md"))
-        {
-            let text =
-                std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-            if text.contains(BEGIN) {
-                found.push((path, text));
-            }
-        }
+        paths.extend(
+            entries
+                .flatten()
+                .map(|entry| entry.path())
+                .filter(|path| path.extension().is_some_and(|e| e == "md")),
+        );
     }
-    found.sort();
-    Ok(found)
+    paths.sort();
+    let with_table = |path: PathBuf| match std::fs::read_to_string(&path) {
+        Ok(text) => text.contains(BEGIN).then_some(Ok((path, text))),
+        Err(error) => Some(Err(format!("{}: {error}", path.display()))),
+    };
+    paths.into_iter().filter_map(with_table).collect()
 }
 
 fn with_tables(page: &Path, text: &str) -> Result<String, String> {

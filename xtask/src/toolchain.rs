@@ -137,10 +137,10 @@ pub fn for_target(target: &Target) -> Result<Toolchain, String> {
 impl Toolchain {
     /// Builds what a folder has for a target, release profile.
     pub fn build(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
-        self.cargo("build", target, folder, selection, &[])
+        self.build_with(target, folder, selection, &[])
     }
 
-    /// The same with these variables.
+    /// Builds with these variables.
     pub fn build_with(
         &self,
         target: &Target,
@@ -148,23 +148,7 @@ impl Toolchain {
         selection: &[&str],
         variables: &[(&str, &str)],
     ) -> Result<(), String> {
-        self.cargo("build", target, folder, selection, variables)
-    }
-
-    /// Checks that it would build, without making code of it.
-    pub fn check(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
-        self.cargo("check", target, folder, selection, &[])
-    }
-
-    fn cargo(
-        &self,
-        task: &str,
-        target: &Target,
-        folder: &Path,
-        selection: &[&str],
-        variables: &[(&str, &str)],
-    ) -> Result<(), String> {
-        let mut arguments = vec![task, "--release", "--target", target.name];
+        let mut arguments = vec!["build", "--release", "--target", target.name];
         arguments.extend(selection);
         match self {
             Self::Rustup => command(

@@ -5,6 +5,9 @@ use std::time::{Duration, Instant};
 
 use hysteron_core::command_lines::STOP_BYTE;
 
+use hysteron_protocol::LINE_BYTES;
+use hysteron_protocol::seal::{MOVING, SEAL_BYTES, checksum};
+
 use crate::condition::{fault_name, what_to_do};
 use crate::error::{Error, Result, meaning};
 use crate::port::{Address, Port, USUAL_BAUD};
@@ -31,6 +34,19 @@ const MOST_GREETING_BYTES: usize = 1 << 16;
 const LINE_PATIENCES: u32 = 5;
 /// Time between two questions whether something has ended.
 pub(crate) const BETWEEN_QUESTIONS: Duration = Duration::from_millis(20);
+
+/// A command that moves something with its checksum, so that it comes whole or not at all; others as they are.
+fn sealed(command: &str) -> String {
+    let is_moving = command
+        .split_ascii_whitespace()
+        .next()
+        .is_some_and(|word| MOVING.contains(&word));
+    if is_moving && command.len() + SEAL_BYTES < LINE_BYTES {
+        format!("{command} *{:08X}", checksum(command))
+    } else {
+        command.to_string()
+    }
+}
 
 /// A board that answers.
 pub struct Board {
@@ -344,10 +360,10 @@ impl Board {
             let mut text = String::new();
             let mut count = 0;
             for command in rest.iter().map(AsRef::as_ref) {
-                if count > 0 && text.len() + command.len() > MOST_BYTES_AT_ONCE {
+                if count > 0 && text.len() + command.len() + SEAL_BYTES > MOST_BYTES_AT_ONCE {
                     break;
                 }
-                text.push_str(command);
+                text.push_str(&sealed(command));
                 text.push('\n');
                 count += 1;
             }

@@ -107,6 +107,12 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::UpdateRolledBack) => {
             "The new image did not run for a healthy second and the one before it is back: look at LOG?, then clear (INI)."
         }
+        Some(Fault::LoopSwings) => {
+            "The loop swung: another load, a filter or a block that does not suit the stage? Take it back, then clear (INI)."
+        }
+        Some(Fault::KeptSettings) => {
+            "The settings that were kept cannot be used, and those of a new board are in force: clear (INI), set them and keep them (WPA 100)."
+        }
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }

@@ -61,6 +61,9 @@ pub fn meaning(code: u32) -> String {
         333 => "a fault is latched",
         4001 => "the amplifier is not armed: `ARM 1 1` at rest, behind every start and every fault",
         4002 => "this board cannot be updated over the line",
+        4003 => "bytes were lost on the line, and with them a command: give it again",
+        4004 => "a larger step than is allowed without `FAR` behind it",
+        4006 => "nothing has tried the stage since the start or the last fault: `ARM 1 1`",
         504 => "a fault is latched: the tracking error was too large",
         _ => "the board refused it",
     };

@@ -169,6 +169,14 @@ impl NucleoBoard {
         }
     }
 
+    /// From now on so many of a million bytes to the serial port arrive with noise, and with a framing error.
+    pub fn garble_serial(&mut self, noise: u32, framing: u32) {
+        if let Some(port) = self.mcu.usart.get_mut(SERIAL_PORT) {
+            let errors = port.errors_mut();
+            (errors.noise.per_million, errors.framing.per_million) = (noise, framing);
+        }
+    }
+
     /// The board with converters on its SPI connectors and a plant behind them.
     ///
     /// # Errors

@@ -16,7 +16,7 @@ use rigless::emulator::{Driver, Host, InterruptLine, Start, Stop, run as emulate
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::soc::Width;
-use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1};
+use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1, usart1 as usart};
 use rigless::time::VirtualNanos;
 
 use crate::board::{NucleoBoard, SafetyLine};
@@ -67,6 +67,10 @@ pub fn bench_envelope() -> SafetyEnvelope {
         monitor_span_uv: 0,
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
+        sensor_span_nm: 15_000,
+        jump_within_nm: 8_000,
+        // Most runs are about something else than the self-test, which takes half a second.
+        closes_untested: true,
     }
 }
 
@@ -101,6 +105,8 @@ pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
         drive_min: lowest,
         drive_max: codes(scale.dac_code(scale.drive_max_v)),
         safe_code: lowest,
+        sensor_span_nm: (scale.adc_lsb_um * 2f64.powi(i32::from(scale.adc_bits)) * 1e3).round()
+            as u32,
         ..bench
     }
 }
@@ -171,6 +177,15 @@ pub enum Injection {
         /// Closed to ground: fine.
         closed: bool,
     },
+    /// Of a million bytes to the serial port so many arrive with noise and with a framing error from now on.
+    SerialErrors {
+        /// With noise.
+        noise: u32,
+        /// With a framing error.
+        framing: u32,
+    },
+    /// The serial port's receiver asks for no interrupt from now on, or does again: its queue runs over.
+    SerialDeaf(bool),
     /// The part's supply changes; what the voltage detector makes of it reaches its line of the EXTI.
     Supply {
         /// To so much, mV.
@@ -416,6 +431,22 @@ impl Driver<NucleoBoard> for Probe {
                         bus.slot_mut(slot)
                             .registers_mut()
                             .set(spi1::Register::Cr1, 0);
+                    }
+                }
+                Injection::SerialErrors { noise, framing } => {
+                    session.board_mut().garble_serial(noise, framing)
+                }
+                Injection::SerialDeaf(deaf) => {
+                    let bus = session.mcu().bus_mut();
+                    if let Some(slot) = bus.slot_of("USART3") {
+                        let registers = bus.slot_mut(slot).registers_mut();
+                        // RXNEIE of CR1, EIE of CR3 (RM0433, 48.8.1, 48.8.4).
+                        for (register, mask) in
+                            [(usart::Register::Cr1, 1 << 5), (usart::Register::Cr3, 1)]
+                        {
+                            let others = registers.get(register) & !mask;
+                            registers.set(register, if deaf { others } else { others | mask });
+                        }
                     }
                 }
                 Injection::Line { line, closed } => {

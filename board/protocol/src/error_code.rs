@@ -79,6 +79,12 @@ pub enum ErrorCode {
     NotArmed = 4001,
     /// This board has no room for a second image. The number is this target's as well.
     NoUpdate = 4002,
+    /// Bytes of a line were lost on their way, or its checksum is another one's. This target's.
+    LostBytes = 4003,
+    /// A step is larger than the operator allows without `FAR`. This target's.
+    StepTooLarge = 4004,
+    /// Neither a self-test nor a conditioning has shown that the stage is the model's. This target's.
+    NotTested = 4006,
 }
 
 impl ErrorCode {
@@ -96,6 +102,7 @@ impl ErrorCode {
             (Refusal::NotConditioned, _) => Self::ServoIsOff,
             (Refusal::LoopOpen, _) => Self::ServoIsOff,
             (Refusal::NotArmed, _) => Self::NotArmed,
+            (Refusal::NotTested, _) => Self::NotTested,
             (Refusal::BeyondLimits, _) => Self::Range,
         }
     }

@@ -23,6 +23,7 @@ pub mod device;
 pub mod error_code;
 pub mod help;
 pub mod parameters;
+pub mod seal;
 pub mod session;
 pub mod waveform;
 pub mod words;

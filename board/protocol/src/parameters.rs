@@ -50,6 +50,10 @@ pub enum DeviceParameter {
     Resonance,
     /// An amplitude above this is an alarm, nm; 0: none is.
     ResonanceAlarm,
+    /// A larger step of `MOV` and `MVR` needs `FAR`, um; 0: none does.
+    LargestMove,
+    /// The same of `SVA`, V.
+    LargestDriveStep,
     /// Tracking error of the last second of the closed loop, RMS, nm.
     ErrorRms,
     /// Its largest magnitude, nm.
@@ -77,7 +81,7 @@ use FilteredSignal::{Sensor, SetPoint};
 
 impl DeviceParameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 35] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 37] = [
         (
             Self::RangeMinimum,
             0x0700_0000,
@@ -154,6 +158,18 @@ impl DeviceParameter {
         ),
         (Self::SensorBits, 0x7F00_0009, "INT", "Bits_of_Sensor_Codes"),
         (Self::DriveBits, 0x7F00_000A, "INT", "Bits_of_Drive_Codes"),
+        (
+            Self::LargestMove,
+            0x7F00_000B,
+            "FLOAT",
+            "Largest_Move_without_FAR_(um)_0:_any",
+        ),
+        (
+            Self::LargestDriveStep,
+            0x7F00_000C,
+            "FLOAT",
+            "Largest_Drive_Step_without_FAR_(V)_0:_any",
+        ),
         (
             Self::ErrorRms,
             0x7F00_0010,

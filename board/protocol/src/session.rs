@@ -14,6 +14,8 @@
 //! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a
 //!   reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
+//! * Any line may end in its checksum ([`crate::seal`]). A step that is larger than the operator allows
+//!   (`SPA` 0x7F00000B, 0x7F00000C) wants `FAR` behind it.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
 //! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one
 //!   that is defined with the servo off is one of drives, V, and is played from rest with the servo off, and
@@ -51,7 +53,7 @@ use crate::error_code::ErrorCode;
 use crate::parameters::DeviceParameter;
 use crate::waveform::Segment;
 use crate::words::Words;
-use crate::{IS_GENERATING, IS_MOVING, IS_READY, help};
+use crate::{IS_GENERATING, IS_MOVING, IS_READY, help, seal};
 
 /// Most bytes of a piece.
 pub const PIECE_BYTES: usize = 512;
@@ -194,6 +196,9 @@ pub struct Session<D> {
     /// um/s with 24 fraction bits.
     velocity: i64,
     tolerance: i32,
+    /// Steps of `MOV` and `MVR`, um, and of `SVA`, V, that are larger need a second word; 0: none does.
+    largest_move: i32,
+    largest_drive_step: i32,
     settling_ticks: u32,
     wave_lengths: [u32; WAVE_TABLES],
     wave_quantities: [WaveQuantity; WAVE_TABLES],
@@ -252,6 +257,8 @@ impl<D: Device + 'static> Session<D> {
             moving_until: None,
             velocity: i64::from(span) * 10,
             tolerance,
+            largest_move: 0,
+            largest_drive_step: 0,
             // 5 ms
             settling_ticks: parameters.physical.sample_rate_hz / 200,
             wave_lengths: [0; WAVE_TABLES],
@@ -298,6 +305,11 @@ impl<D: Device + 'static> Session<D> {
         self.error = ErrorCode::TooLong as u16;
     }
 
+    /// Bytes of a line were lost on their way, and with them the line.
+    pub fn lost_bytes(&mut self) {
+        self.error = ErrorCode::LostBytes as u16;
+    }
+
     /// Lines came for which there was no room.
     pub fn overrun(&mut self) {
         self.error = ErrorCode::Overrun as u16;
@@ -308,7 +320,7 @@ impl<D: Device + 'static> Session<D> {
             return self.single_byte(*byte);
         }
         let line = core::str::from_utf8(line).map_err(|_| ErrorCode::UnknownCommand)?;
-        let mut words = Words::of(line);
+        let mut words = Words::of(seal::opened(line)?);
         let mnemonic = words.word()?;
         let found = Self::COMMANDS
             .iter()

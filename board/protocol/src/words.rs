@@ -122,6 +122,18 @@ impl<'a> Words<'a> {
         to_fixed(self.number()?, POINT_FRACTION_BITS).ok_or(ErrorCode::WaveLimit)
     }
 
+    /// Whether the word `FAR` follows: the step is meant.
+    ///
+    /// # Errors
+    /// Another word follows.
+    pub fn far(&mut self) -> Result<bool, ErrorCode> {
+        match self.optional() {
+            None => Ok(false),
+            Some(word) if word.eq_ignore_ascii_case("FAR") => Ok(true),
+            Some(_) => Err(ErrorCode::ParameterCount),
+        }
+    }
+
     /// The one axis, channel or generator, `1`.
     ///
     /// # Errors

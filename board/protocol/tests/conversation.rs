@@ -17,7 +17,7 @@ use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
 use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
-use hysteron_protocol::{DIALECT, Lines};
+use hysteron_protocol::{DIALECT, Lines, seal};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
 use proptest::prelude::*;
 
@@ -709,12 +709,12 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 35);
+    assert_eq!(table.ask("SPA?").lines().count(), 37);
     assert_eq!(
         table.ask("SPA? 1 0x7F000009 1 0x7F00000A"),
         "1 0x7f000009=16 \n1 0x7f00000a=16\n"
     );
-    assert_eq!(table.ask("HPA?").lines().count(), 37);
+    assert_eq!(table.ask("HPA?").lines().count(), 39);
     assert_eq!(
         table.ask("SPA? 1 0x7F000001"),
         "1 0x7f000001=15.000000000\n"
@@ -1131,6 +1131,9 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
         monitor_span_uv: 0,
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
+        sensor_span_nm: 15_000,
+        jump_within_nm: 2_000,
+        closes_untested: false,
     };
     let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
     let length = safety_envelope::write(&envelope, &mut bytes).expect("fits");
@@ -1254,4 +1257,44 @@ fn settings_are_kept_at_rest_and_come_back() {
     );
     // Another stage begins as a new one: ten times its span in a second, a thousandth of it.
     assert_eq!(again([b'x'; 16]), [150.0, 0.015, 0.0, 0.0, 0.0, 0.0]);
+}
+
+#[test]
+fn a_command_that_lost_a_byte_or_goes_too_far_moves_nothing() {
+    let mut table = Table::ready();
+    table.tell("SVO 1 0", 0);
+    let sealed = |line: &str| format!("{line} *{:08X}", seal::checksum(line));
+    table.tell(&sealed("SVA 1 10.0"), 0);
+    table.run(4_000);
+    let whole = sealed("SVA 1 20.5");
+    for at in 0..whole.len() {
+        let mut less = whole.clone();
+        less.remove(at);
+        let before = table.rig.0.borrow().latest.dac_code;
+        let answer = table.ask(&less);
+        let error = table.ask("ERR?");
+        assert_ne!((answer.as_str(), error.as_str()), ("", "0\n"), "{less}");
+        table.run(3);
+        assert_eq!(table.rig.0.borrow().latest.dac_code, before, "{less}");
+    }
+    table.tell("SPA 1 0x7F00000B 1.5 1 0x7F00000C 15", 0);
+    assert_eq!(
+        table.ask("SPA? 1 0x7F00000B 1 0x7F00000C"),
+        "1 0x7f00000b=1.500000 \n1 0x7f00000c=15.000000\n"
+    );
+    table.tell("SVA 1 26", 4004);
+    table.tell("SVA 1 26 FAR", 0);
+    table.tell("SVA 1 26 FURTHER", 24);
+    table.run(4_000);
+    assert!((table.value("VOL?") - 26.0).abs() < 0.01);
+    table.tell("SVO 1 1", 0);
+    table.run(2_000);
+    let here = table.value("MOV?");
+    table.tell(&format!("MOV 1 {}", here + 2.0), 4004);
+    table.tell("MVR 1 2", 4004);
+    table.tell("MVR 1 1.25", 0);
+    table.tell("MVR 1 2 FAR", 0);
+    assert!((table.value("MOV?") - here - 3.25).abs() < 1e-5);
+    table.session.lost_bytes();
+    assert_eq!(table.ask("ERR?"), "4003\n");
 }

@@ -324,6 +324,12 @@ mod fault {
     }
 }
 
+/// The serial port is not opened here.
+mod serial_line {
+    /// Never called.
+    pub fn on_interrupt() {}
+}
+
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let channels =

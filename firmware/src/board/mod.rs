@@ -11,12 +11,14 @@
 
 use cortex_m::peripheral::{DWT, MPU, SCB};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::peripherals::TIM2;
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{BufferedUart, Config as SerialConfig, ConfigError};
+use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt, rcc};
 
 use crate::front_end::FrontEnd;
@@ -113,12 +115,10 @@ pub trait Platform {
     /// The HAL's: a speed that the port cannot have.
     fn serial_port(
         peripherals: Peripherals,
-        outgoing: &'static mut [u8],
-        incoming: &'static mut [u8],
         config: SerialConfig,
-    ) -> Result<BufferedUart<'static>, ConfigError>;
-    /// Switches the serial port on or off, between two bytes.
-    fn switch_serial_port(on: bool);
+    ) -> Result<Uart<'static, Blocking>, ConfigError>;
+    /// Its registers.
+    fn serial_registers() -> Lpuart;
 
     /// Erases the sector at `address`, one of [`Platform::BLOCKS`], and writes `bytes` to its beginning,
     /// without ever holding up the tasks.

@@ -9,9 +9,11 @@
 //! the model: the initial ascending curve and the rate dependence are properties of the hysteresis stage, a
 //! second mode of the vibration stage.
 
+pub mod activated_switching;
 pub mod amplifier_bandwidth;
 mod arrival;
 pub mod backlash;
+pub mod bias_dependent_gain;
 pub mod bipolar;
 pub mod bouc_wen;
 pub mod charge_leakage;
@@ -88,6 +90,8 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(duhem::Duhem),
         Arc::new(polynomial_loop::PolynomialLoop),
         Arc::new(inverse_preisach::InversePreisach),
+        Arc::new(activated_switching::ActivatedSwitching),
+        Arc::new(bias_dependent_gain::BiasDependentGain),
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),

@@ -15,6 +15,8 @@ pub enum Place {
     Charge,
     /// Drive to force-equivalent displacement.
     Hysteresis,
+    /// Force-equivalent displacement by the state of polarisation.
+    PiezoelectricCoefficient,
     /// External force.
     LoadForce,
     /// Friction of the guide.
@@ -37,13 +39,14 @@ pub enum Place {
 
 impl Place {
     /// All places with the names that files use, in the order of the chain.
-    pub const NAMES: [(&'static str, Place); 15] = [
+    pub const NAMES: [(&'static str, Place); 16] = [
         ("delay", Place::Delay),
         ("amplifier_bandwidth", Place::AmplifierBandwidth),
         ("amplifier_slew", Place::AmplifierSlew),
         ("amplifier_saturation", Place::AmplifierSaturation),
         ("charge", Place::Charge),
         ("hysteresis", Place::Hysteresis),
+        ("piezoelectric_coefficient", Place::PiezoelectricCoefficient),
         ("load_force", Place::LoadForce),
         ("friction", Place::Friction),
         ("vibration", Place::Vibration),

@@ -3,12 +3,13 @@
 
 use crate::answers::Answer;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, upload_lines};
-use hysteron::servo::commands::{self, Work};
+use hysteron::servo::check;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
-use hysteron::servo::words;
+use hysteron::servo::work::{self, Work};
 use hysteron::{Dataset, Error, Result};
+use hysteron_report::servo_words as words;
 use hysteron_sim::chain::Model;
 use serde::Deserialize;
 use serde_json::json;
@@ -102,7 +103,7 @@ pub fn answer(
 
 /// A design with its margins on the model.
 fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<Answer> {
-    let checked = commands::check_with(design, model, Some(dataset)).map_err(refused)?;
+    let checked = check::check_with(design, model, Some(dataset)).map_err(refused)?;
     let response = checked
         .margins
         .as_ref()
@@ -139,10 +140,10 @@ fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Re
     let name = format!("sine:{hz}:{amplitude_um}");
     let reference = Reference::named(&name, design.period_s()).map_err(refused)?;
     let work = Work::default();
-    let found = commands::follow(model, design, &reference, &name, &work).map_err(refused)?;
+    let found = work::follow(model, design, &reference, &name, &work).map_err(refused)?;
     let band =
-        commands::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;
-    let step = commands::follow_step(model, design, &work).map_err(refused)?;
+        work::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;
+    let step = work::follow_step(model, design, &work).map_err(refused)?;
     let error_um = found
         .sensor_um
         .iter()

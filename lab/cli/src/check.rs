@@ -3,12 +3,14 @@
 use crate::arguments::Outputs;
 use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
-use hysteron::servo::commands::{self, CheckResult, Work};
+use hysteron::servo::check::{CheckResult, check_with};
 use hysteron::servo::design::{SCHEMA, ServoDesign};
+use hysteron::servo::named_scheme;
 use hysteron::servo::track::TrackResult;
-use hysteron::servo::words;
+use hysteron::servo::work::{self, Work};
 use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
+use hysteron_report::servo_words as words;
 use hysteron_report::{Page, PageBlock, Section, nyquist, sensitivity, step_section};
 use std::path::Path;
 
@@ -56,16 +58,16 @@ pub fn check(wanted: &CheckRequest, reading: &ReadArguments, outputs: &Outputs) 
         data,
         scheme,
     } = *wanted;
+    reading.require_recording(data)?;
     let desk = Desk::new(outputs.force);
     let mut design = read_design(&desk, servo)?;
     if let Some(name) = scheme {
-        design = commands::with_scheme(&design, name).map_err(|m| Error::new("--scheme", m))?;
+        design = named_scheme::with_scheme(&design, name).map_err(|m| Error::new("--scheme", m))?;
     }
     let chain = desk.model(model)?;
     let recording = data.map(|path| desk.dataset(path, reading)).transpose()?;
     outputs.check(&desk)?;
-    let found =
-        commands::check_with(&design, &chain, recording.as_ref()).map_err(|m| wrong(model, m))?;
+    let found = check_with(&design, &chain, recording.as_ref()).map_err(|m| wrong(model, m))?;
     println!("{}: {}", found.scheme, found.verdict());
     if let Some(m) = &found.margins {
         for line in words::margins(m) {
@@ -93,7 +95,7 @@ pub fn check(wanted: &CheckRequest, reading: &ReadArguments, outputs: &Outputs) 
     let step = outputs
         .report
         .as_ref()
-        .and_then(|_| commands::follow_step(&chain, &design, &Work::default()).ok());
+        .and_then(|_| work::follow_step(&chain, &design, &Work::default()).ok());
     desk.write_page(outputs.report.as_deref(), || page(&found, step.as_ref()))?;
     Ok(found.stable)
 }

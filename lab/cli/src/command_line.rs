@@ -23,7 +23,7 @@ use crate::{
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::servo::commands::SCHEMES;
+use hysteron::servo::named_scheme::SCHEMES;
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron::{Error, Result};
 use std::path::PathBuf;
@@ -342,6 +342,10 @@ enum Command {
         /// Capacitance of the actuator: prints the current that the drive takes
         #[arg(long, value_name = "UF", allow_negative_numbers = true)]
         capacitance_uf: Option<f64>,
+        /// A program in the place of the model: it reads a drive in V from each line and answers with a line
+        /// that has the reading in um, and the true position behind it if it knows
+        #[arg(long, value_name = "COMMAND", conflicts_with_all = ["disturbance", "added_mass"])]
+        plant: Option<String>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -551,7 +555,7 @@ fn dispatch(command: Command) -> Result<bool> {
             let wanted = check::CheckRequest { servo, model, data: data.as_deref(), scheme: scheme.as_deref() };
             check::check(&wanted, &reading, &outputs)
         }
-        Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, capacitance_uf, outputs } => {
+        Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, capacitance_uf, plant, outputs } => {
             let wanted = track::TrackRequest {
                 reference: &reference,
                 scheme: scheme.as_deref(),
@@ -559,6 +563,7 @@ fn dispatch(command: Command) -> Result<bool> {
                 disturbance: disturbance.as_deref(),
                 added_mass,
                 capacitance_uf,
+                plant: plant.as_deref(),
             };
             let [servo, model] = check::servo_and_model(&servo, &model);
             track::track(model, servo, &wanted, &outputs)

@@ -5,10 +5,10 @@ use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
 use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
-use hysteron::servo::commands::design_beside_predictor;
+use hysteron::servo::assessment::Assessment;
+use hysteron::servo::commands::design_with_expected_errors;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::DesignOrder;
-use hysteron::servo::predictor::Assessment;
 use hysteron::servo::schemes::{AtWork, SchemeChoice};
 use hysteron::{Error, Result};
 use hysteron_report::{Page, PageBlock, Section, learning as convergence, trade_off};
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 struct DesignFigures<'a> {
     schema: &'static str,
     design: &'a ServoDesign,
-    /// The scheme and the predictor on the same runs; empty for a predictor.
+    /// What is to be expected on the model; a predictor for the same order beside another scheme.
     at_work: &'a [AtWork],
 }
 
@@ -82,6 +82,7 @@ pub fn design(
         block,
         front_end,
     } = *files;
+    reading.require_recording(data)?;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
         Some(path) => Some(FrontEnd::from_toml(
@@ -124,7 +125,8 @@ pub fn design(
         scheme,
         inverse: !wanted.no_inverse,
     };
-    let (design, at_work) = design_beside_predictor(&chain, &order).map_err(|m| wrong(model, m))?;
+    let (design, at_work) =
+        design_with_expected_errors(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {
         (Some(_), Some(front_end)) => Some(amplifier_block::block(&amplifier_parameters(

@@ -28,6 +28,7 @@ mod identify;
 #[cfg(feature = "lab")]
 mod lab;
 mod plant;
+mod plant_program;
 mod progress;
 mod read_arguments;
 #[cfg(feature = "thesis")]

@@ -38,6 +38,17 @@ pub struct ReadArguments {
 }
 
 impl ReadArguments {
+    /// What is said of a recording where there is one.
+    pub fn require_recording(&self, recording: Option<&Path>) -> Result<()> {
+        match self.as_typed().split_whitespace().next() {
+            Some(option) if recording.is_none() => Err(Error::new(
+                option,
+                "has no effect without --data; name the recording, or leave it out",
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// The same as they are typed behind a data set, each with a space before it, for a suggested command.
     pub fn as_typed(&self) -> String {
         let rate = self.sample_rate_hz.map(|rate| rate.to_string());

@@ -3,17 +3,19 @@
 use crate::arguments::Outputs;
 use crate::check::read_design;
 use crate::desk::{Desk, wrong};
+use crate::plant_program::PlantProgram;
 use hysteron::dataset::readers::{self, Hints};
-use hysteron::servo::commands::{self, Work};
+use hysteron::servo::design::ServoDesign;
 use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::{DriveFigures, TrackResult};
-use hysteron::servo::words;
+use hysteron::servo::work::{self, Work};
 use hysteron::{Error, Result};
 use hysteron_report::TrackPage;
+use hysteron_report::servo_words as words;
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 fn nm(um: f64) -> String {
     format!("{:.2} nm", 1e3 * um)
@@ -33,6 +35,8 @@ pub struct TrackRequest<'a> {
     pub added_mass: f64,
     /// Capacitance of the actuator, uF.
     pub capacitance_uf: Option<f64>,
+    /// A program in the place of the model.
+    pub plant: Option<&'a str>,
 }
 
 /// The reference that was named, a shape or a file of points, for a loop with this sampling period, s.
@@ -69,17 +73,38 @@ fn reference_of(desk: &Desk, text: &str, period_s: f64) -> Result<Reference> {
     Reference::through(&time_s.values, &reference_um.values, period_s).map_err(|m| wrong(path, m))
 }
 
+/// Follows a reference on a program of the user.
+fn follow_program(
+    command: &str,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    work: &Work,
+) -> Result<TrackResult> {
+    let mut plant = PlantProgram::start(command, design.period_s())?;
+    let called = format!("the program `{command}`");
+    let found = work::follow_plant(&mut plant, &called, design, reference, reference_name, work);
+    let knows_position = plant.knows_position();
+    plant.finish()?;
+    let mut found = found.map_err(|m| Error::new("", m))?;
+    if !knows_position {
+        found.plant += "; it gives no true position, so that `true` is what it reads";
+    }
+    Ok(found)
+}
+
 /// What `track --json` carries.
 #[derive(Serialize)]
 struct TrackFigures<'a> {
     #[serde(flatten)]
     found: &'a TrackResult,
-    /// The same on the plants that may stand in the place of the model.
-    band: &'a PlantBand,
+    /// The plants that may stand in the place of the model; none beside a plant of one's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    band: Option<&'a PlantBand>,
 }
 
 /// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D]
-/// [--added-mass RATIO] [--capacitance-uf C]`.
+/// [--added-mass RATIO] [--capacitance-uf C] [--plant COMMAND]`.
 pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
     let TrackRequest {
         reference,
@@ -88,6 +113,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         disturbance,
         added_mass,
         capacitance_uf,
+        plant,
     } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
@@ -112,9 +138,18 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         added_mass,
     };
     let refused = |m: String| Error::new("", m);
-    let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;
-    let band =
-        commands::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
+    let (result, band) = match plant {
+        Some(command) => {
+            let found = follow_program(command, &design, &followed, reference, &work)?;
+            (found, None)
+        }
+        None => {
+            let found = work::follow(&chain, &design, &followed, reference, &work);
+            let found = found.map_err(refused)?;
+            let band = work::follow_on_members(&chain, &design, &followed, &work, &found);
+            (found, Some(band.map_err(refused)?))
+        }
+    };
     let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
     let loaded = if added_mass > 0.0 {
         format!(", {} times the moving mass", 1.0 + added_mass)
@@ -139,7 +174,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
     if let Some(step) = &result.step {
         println!("  step    {}", words::step(step));
     }
-    for [word, said] in words::band(&band) {
+    for [word, said] in band.as_ref().map(words::band).unwrap_or_default() {
         println!("  {word:7} {said}");
     }
     if let Some(beside) = &result.beside {
@@ -182,7 +217,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         outputs.json.as_deref(),
         &TrackFigures {
             found: &result,
-            band: &band,
+            band: band.as_ref(),
         },
     )?;
     let period_s = match &followed {
@@ -190,9 +225,10 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         Reference::Step { .. } | Reference::Points(_) => None,
     };
     // A step of its own is on the page already.
-    let small_step = match outputs.report.as_ref().filter(|_| result.step.is_none()) {
+    let of_model = |_: &&PathBuf| result.step.is_none() && plant.is_none();
+    let small_step = match outputs.report.as_ref().filter(of_model) {
         Some(_) => Some(
-            commands::follow_step(
+            work::follow_step(
                 &chain,
                 &design,
                 &Work {
@@ -209,7 +245,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         TrackPage {
             found: &result,
             period_s,
-            band: Some(&band),
+            band: band.as_ref(),
             step,
             capacitance_uf,
         }

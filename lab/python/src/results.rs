@@ -9,7 +9,8 @@ use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::figures::{FitFigures, fit_figures};
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
-use hysteron::servo::order::{DesignOrder, design as design_servo};
+use hysteron::servo::commands::design_with_expected_errors;
+use hysteron::servo::order::DesignOrder;
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::effect::Effect;
 use pyo3::prelude::*;
@@ -240,7 +241,9 @@ pub fn design(
         ..usual
     };
     let design = at_work(py, None, |_| {
-        design_servo(&model.model, &order).map_err(|why| hysteron::Error::new("design", why))
+        design_with_expected_errors(&model.model, &order)
+            .map(|(design, _)| design)
+            .map_err(|why| hysteron::Error::new("design", why))
     })?;
     Ok((
         toml::to_string_pretty(&design).map_err(|error| wrong("design", error))?,

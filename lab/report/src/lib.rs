@@ -70,6 +70,7 @@ mod loops;
 mod of_findings;
 mod page;
 mod servo_plots;
+pub mod servo_words;
 mod text;
 mod track_page;
 

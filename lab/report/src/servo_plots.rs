@@ -1,11 +1,12 @@
 //! Pictures of a servo design.
 
 use crate::page::{CurveRole, Plot, Series, Style};
+use hysteron::servo::assessment::Assessment;
+use hysteron::servo::candidate::{USUAL_GAIN_MARGIN_DB, USUAL_PEAK, USUAL_PHASE_MARGIN_DEG};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::learned_feedforward::{ConvergencePoint, LearningDesign};
 use hysteron::servo::loop_margins::LoopMargins;
-use hysteron::servo::predictor::Assessment;
-use hysteron::servo::robust::{USUAL_GAIN_MARGIN_DB, USUAL_PEAK, USUAL_PHASE_MARGIN_DEG, decibels};
+use hysteron::servo::sampled_loop::decibels;
 use std::f64::consts::TAU;
 
 /// Noise passed on against error let through: the tunings that no other one beats in both, of those that hold

@@ -9,8 +9,8 @@ use hysteron::servo::amplifier_block::{
     FrontEnd, USUAL_SAMPLE_RATE_HZ, amplifier_parameters, block,
 };
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::predictor::Demands;
 use hysteron::servo::sensor_lag;
+use hysteron::servo::tuning::Demands;
 use hysteron_sim::bench::{Bench, Variant};
 use std::error::Error;
 use std::path::Path;

@@ -13,12 +13,13 @@ use hysteron::servo::model::{
     ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S,
 };
 use hysteron::servo::order::scheme_without_recording;
-use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
+use hysteron::servo::reference::{lead_s, period_ticks};
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
-use hysteron::servo::track::{lead_s, period_ticks, told_when_grown};
+use hysteron::servo::track::repeats_when_grown;
+use hysteron::servo::tuning::Demands;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::bench::{Bench, Completeness, Variant};
 use hysteron_sim::closed_loop::{Experiment, Trace};
@@ -156,7 +157,7 @@ fn run_repeating(
     experiment.substeps = SUBSTEPS;
     let servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
     Ok(experiment.follow_with(
-        told_when_grown(servo, period_ticks, SAMPLING_PERIOD_S),
+        repeats_when_grown(servo, period_ticks, SAMPLING_PERIOD_S),
         reference_um,
     ))
 }

@@ -9,10 +9,10 @@ use crate::bench_runs::{
 };
 use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::figures;
-use hysteron::servo::check::alpha_beta_loop_poles;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::thesis_conditions::alpha_beta_loop_poles;
 use hysteron::servo::thesis_schemes::{AlphaBeta, ControllerGains, PidGains, ReachingGains};
 use hysteron_sim::bench::{Bench, Variant};
 use nalgebra::Complex;

@@ -5,10 +5,11 @@ use crate::bench_runs::{
     Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking,
 };
 use crate::chapter::ChapterRow;
-use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::predictor::Demands;
+use hysteron::servo::named_scheme::{plain_pi, with_scheme};
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::tuning::Demands;
 use hysteron_sim::bench::{Bench, Variant};
 use rayon::prelude::*;
 
@@ -86,7 +87,7 @@ pub fn rows_of_designed_schemes(
             continue;
         };
         let radius = design.law().map_or(f64::NAN, |law| {
-            law.spectral_radius(&design.model.linear.sampled(), 1.0, 0)
+            SampledLoop::new(&law, &design.model.linear.sampled()).spectral_radius()
         });
         for hz in FREQUENCIES_HZ {
             jobs.push(Job {
@@ -107,7 +108,7 @@ pub fn rows_of_designed_schemes(
     rows
 }
 
-/// Names of the schemes of [`rows_of_other_schemes`], as `track --scheme` takes them.
+/// Names of the schemes of [`rows_of_other_schemes`].
 pub const OTHER_SCHEMES: [&str; 7] = [
     "predictor-linear",
     "disturbance-observer",
@@ -136,7 +137,17 @@ pub fn rows_of_other_schemes(
             continue;
         };
         for name in OTHER_SCHEMES {
-            match with_scheme(&c.design, name) {
+            let designed = match name {
+                "feedforward-pi" => plain_pi(&c.design, false).map(|scheme| ServoDesign {
+                    scheme,
+                    learning: None,
+                    adaptation: None,
+                    beside: None,
+                    ..c.design.clone()
+                }),
+                _ => with_scheme(&c.design, name),
+            };
+            match designed {
                 Ok(design) => jobs.extend(FREQUENCIES_HZ.map(|hz| Job {
                     id: format!("ch7.compare.{name}.{hz}hz.{load}.rms"),
                     bench,

@@ -6,9 +6,9 @@ use crate::chapter::ChapterRow;
 use crate::chapter_6::NamedScheme;
 use crate::chapter_7::equation_35_v;
 use hysteron::identification::fit::rms;
-use hysteron::servo::check::sliding_surface_parameter;
 use hysteron::servo::design::{Form, Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
+use hysteron::servo::thesis_conditions::sliding_surface_parameter;
 use hysteron::servo::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw,
     estimator_rows,

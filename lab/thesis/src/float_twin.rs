@@ -5,8 +5,8 @@
 
 use crate::bench_runs::{SUBSTEPS, run};
 use hysteron::servo::design::{Scheme, ServoDesign};
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
-use hysteron::servo::predictor::PredictorDesign;
 use hysteron::servo::quantise::QuantisationError;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::{OFFSET_DECAY_SHIFT, PREVIEW_TICKS, WINDOW};

@@ -4,10 +4,12 @@
 use crate::bench_runs::{row_um, sine_key};
 use crate::chapter::{ChapterRow, RunKey};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::model::{
     ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S,
 };
-use hysteron::servo::predictor::{PredictorDesign, PredictorTuning};
+use hysteron::servo::sampled_loop::SampledLoop;
+use hysteron::servo::tuning::PredictorTuning;
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::closed_loop::{ErrorFigures, Plant, Surroundings, Trace, follow};
@@ -236,7 +238,9 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<ChapterRow
             },
             ..linear
         };
-        law.spectral_radius(&wrong.sampled(), 1.5, 0)
+        SampledLoop::new(&law, &wrong.sampled())
+            .with_gain(1.5)
+            .spectral_radius()
     };
     // Of the 10 um that the reference spans.
     let mut rows = vec![ChapterRow::new(

@@ -2,12 +2,14 @@
 
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
-use hysteron::servo::commands::{Work, check, follow, with_scheme};
+use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::learned_feedforward::LearningDesign;
+use hysteron::servo::named_scheme::with_scheme;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::lead_s;
+use hysteron::servo::reference::lead_s;
+use hysteron::servo::work::{Work, follow};
 use hysteron::watch::Unwatched;
 use hysteron_research::learning_study::{
     FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,

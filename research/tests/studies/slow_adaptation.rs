@@ -4,11 +4,13 @@
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
-use hysteron::servo::commands::{Work, check, follow, with_scheme};
+use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
+use hysteron::servo::named_scheme::with_scheme;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::lead_s;
+use hysteron::servo::reference::lead_s;
+use hysteron::servo::work::{Work, follow};
 use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;

@@ -2,12 +2,12 @@
 //! where it was predicted.
 
 use hysteron::model_file::effects_named;
-use hysteron::servo::commands::{check, gain_ratio};
+use hysteron::servo::check::{check, gain_ratio};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::model::actuator_model;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::words;
 use hysteron::watch::Unwatched;
+use hysteron_report::servo_words as words;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{

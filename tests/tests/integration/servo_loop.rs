@@ -1,11 +1,12 @@
 //! The servo across its rooms: designs quantised by the lab, run by the core, on the plant of the simulation.
 
-use hysteron::servo::commands::{SCHEMES, with_scheme};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::disturbance_observer::DisturbanceObserverGains;
+use hysteron::servo::law::PredictorDesign;
 use hysteron::servo::model::{ActuatorModel, CreepTerm, LinearModel, ModeModel, SAMPLING_PERIOD_S};
-use hysteron::servo::predictor::{Demands, PredictorDesign, PredictorTuning};
+use hysteron::servo::named_scheme::{SCHEMES, with_scheme};
 use hysteron::servo::thesis_schemes::{Notch, PidGains};
+use hysteron::servo::tuning::{Demands, PredictorTuning};
 use hysteron_core::codes::SensorCode;
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::ServoTick;

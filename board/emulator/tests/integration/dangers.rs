@@ -9,9 +9,14 @@ use common::{
 };
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::set_generation;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE, SafetyLine};
-use hysteron_emulator::converters::SharedWorld;
-use hysteron_emulator::run::{Injection, MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::converters::{SharedWorld, World};
+use hysteron_emulator::run::{
+    Injection, MILLISECOND, Outcome, Script, bench_envelope, envelope_bytes, run,
+};
+use hysteron_sim::bench::{Bench, Variant};
+use hysteron_sim::closed_loop::Plant;
 use rigless::machine::Crystal;
 
 fn run_in(world: &SharedWorld, script: Script) -> Outcome {
@@ -149,6 +154,142 @@ fn a_block_with_every_guard_off_is_refused() {
         let (refused, said) = with(change);
         assert_eq!(refused, 1, "{nth}: {said}");
     }
+}
+
+#[test]
+fn kept_settings_that_are_damaged_do_not_arm() {
+    let world = world();
+    let parameters = best_parameters();
+    let mut kept = crate::output_path::kept_filters(&parameters);
+    kept[20] ^= 1;
+    let script = Script {
+        block: Some(block(&parameters)),
+        kept: Some(kept),
+        serial: vec![
+            (10 * MILLISECOND, b"ARM 1 2\nERR?\nDIA? 2\n".to_vec()),
+            (140 * MILLISECOND, b"INI 1\nERR?\nARM 1 2\nERR?\n".to_vec()),
+        ],
+        ..Script::listening(160 * MILLISECOND)
+    };
+    let outcome = run_in(&world, script);
+    let answers = typed_back(&outcome);
+    assert_eq!(answers, "333\n2=33\n0\n0\n", "{:?}", texts(&outcome));
+}
+
+#[test]
+fn a_loop_that_nothing_has_tried_is_not_closed() {
+    let world = world();
+    let envelope = SafetyEnvelope {
+        closes_untested: false,
+        ..bench_envelope()
+    };
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        envelope: Some(envelope_bytes(&envelope)),
+        serial: vec![(
+            10 * MILLISECOND,
+            b"ARM 1 2\nRON 1 0\nSVO 1 1\nERR?\nSVO?\n".to_vec(),
+        )],
+        ..Script::listening(40 * MILLISECOND)
+    };
+    let outcome = run_in(&world, script);
+    let answers = typed_back(&outcome);
+    assert_eq!(answers, "4006\n1=0\n", "{:?}", texts(&outcome));
+}
+
+/// A stage with one mode, which gets another load at an edge.
+struct Loaded {
+    natural_rad_s: f64,
+    damping: f64,
+    gain_um_v: f64,
+    /// At which edge, and natural frequency, damping and gain over what they were.
+    load: (u32, [f64; 3]),
+    edges: u32,
+    position_um: f64,
+    velocity_um_s: f64,
+}
+
+impl Plant for Loaded {
+    fn advance(&mut self, drive_v: f64, _: f64) {
+        const STEPS: u32 = 16;
+        if self.edges == self.load.0 {
+            let [frequency, damping, gain] = self.load.1;
+            self.natural_rad_s *= frequency;
+            self.damping *= damping;
+            self.gain_um_v *= gain;
+        }
+        self.edges += 1;
+        let step_s = 50e-6 / f64::from(STEPS);
+        for _ in 0..STEPS {
+            let acceleration = self.natural_rad_s.powi(2)
+                * (self.gain_um_v * drive_v - self.position_um)
+                - 2.0 * self.damping * self.natural_rad_s * self.velocity_um_s;
+            self.velocity_um_s += acceleration * step_s;
+            self.position_um += self.velocity_um_s * step_s;
+        }
+    }
+
+    fn displacement_um(&self) -> f64 {
+        self.position_um
+    }
+
+    fn sensor_um(&self) -> f64 {
+        self.position_um
+    }
+}
+
+/// The fault of a loop that gets this load, 1 um and 5 ms of tracking error, and the time from the load to
+/// it, ms.
+fn fault_behind(load: [f64; 3]) -> (Option<String>, u64) {
+    const LOAD_EDGE: u32 = 2_000;
+    let mut parameters = best_parameters();
+    parameters.guard.tracking_error = 1 << 24;
+    parameters.guard.tracking_ticks = 100;
+    let bench = Bench::reference().expect("the bench");
+    let stage = Loaded {
+        natural_rad_s: std::f64::consts::TAU * 852.0,
+        damping: 0.02,
+        gain_um_v: 0.125,
+        load: (LOAD_EDGE, load),
+        edges: 0,
+        position_um: 0.0,
+        velocity_um_s: 0.0,
+    };
+    let world = World::with(
+        Box::new(stage),
+        bench.converter_scale(),
+        bench.converters.sensor_noise_um,
+        3,
+    )
+    .shared();
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(
+            4 * MILLISECOND,
+            b"arm untested\nconditioning waived\nreference constant 5000\nenable\n".to_vec(),
+        )],
+        ..Script::listening(160 * MILLISECOND)
+    };
+    let outcome = run_in(&world, script);
+    let loaded_ns = world.lock().expect("the world").began_ns() + u64::from(LOAD_EDGE) * 50_000;
+    let fault = outcome
+        .messages
+        .iter()
+        .find_map(|message| Some((message.at_ns, message.text.strip_prefix("mode fault: ")?)));
+    println!("{load:?}: {fault:?}");
+    let (at_ns, name) = fault.unzip();
+    let after_ms = at_ns.map_or(0, |at_ns| at_ns.saturating_sub(loaded_ns) / MILLISECOND);
+    (name.map(str::to_string), after_ms)
+}
+
+/// A heavier load with more gain: the loop swings at some 700 Hz.
+const SWINGING_LOAD: [f64; 3] = [0.6, 1.0, 1.3];
+
+#[test]
+fn a_drive_that_swings_and_does_not_move_the_stage_is_stopped() {
+    let (fault, after_ms) = fault_behind(SWINGING_LOAD);
+    assert_eq!(fault.as_deref(), Some("loop swings"));
+    assert!((1..=30).contains(&after_ms), "{after_ms} ms");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::common;
 
 use common::{best_parameters, block, run_on, typed_back};
 use hysteron_emulator::converters::{SharedWorld, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script};
+use hysteron_emulator::run::{Injection, MILLISECOND, Outcome, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 fn run_with(serial: Vec<(u64, Vec<u8>)>, until_ms: u64) -> (Outcome, SharedWorld) {
@@ -245,5 +245,114 @@ fn a_wave_with_the_servo_off_is_a_drive_and_its_record_begins_with_it() {
     assert!(
         first.is_some(),
         "the record is not in step with the drive: {rows:?}"
+    );
+}
+
+/// A byte takes so long at 115200 bit/s, ns.
+const BYTE_NS: u64 = 86_806;
+
+/// `SVA 1` of 10 V, in which something goes wrong between two of its bytes, and the same once more.
+fn drive_with(injections: impl Fn(u64) -> Vec<(u64, Injection)>) -> (String, u32, u32) {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
+    let (first, second) = (30 * MILLISECOND, 80 * MILLISECOND);
+    // Seventeen bytes wait in the receiver's own queue.
+    let line = "SVA 1                                  10.0\n";
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        serial: vec![
+            (10 * MILLISECOND, b"ARM 1 2\nERR?\n".to_vec()),
+            (first, line.into()),
+            (first + 10 * MILLISECOND, b"ERR?\nERR?\n".to_vec()),
+            (second, line.into()),
+            (second + 10 * MILLISECOND, b"ERR?\n".to_vec()),
+        ],
+        injections: injections(first),
+        ..Script::listening(130 * MILLISECOND)
+    };
+    let outcome = run_on(&world, script);
+    let world = world.lock().expect("the world");
+    let highest = |from_ms: u64, to_ms: u64| {
+        let edge = |ms: u64| ((ms * MILLISECOND - world.began_ns()) / world.period_ns) as usize;
+        let acting = &world.codes[edge(from_ms)..edge(to_ms)];
+        acting
+            .iter()
+            .map(|(_, code)| code.steps())
+            .max()
+            .unwrap_or(0)
+    };
+    (text(&outcome), highest(20, 79), highest(80, 129))
+}
+
+#[test]
+fn a_line_that_lost_a_byte_moves_nothing_and_is_an_error() {
+    let (rest, ten_volts) = (9_362, 14_043);
+    // Without its dot the line is 100 V.
+    let dot = 42;
+    let during = |from: u64, to: u64, what: Injection, end: Injection| {
+        move |first: u64| {
+            vec![
+                (first + from * BYTE_NS + BYTE_NS / 2, what),
+                (first + to * BYTE_NS + BYTE_NS / 2, end),
+            ]
+        }
+    };
+    let clean = Injection::SerialErrors {
+        noise: 0,
+        framing: 0,
+    };
+    let noise = Injection::SerialErrors {
+        noise: 1_000_000,
+        framing: 0,
+    };
+    let framing = Injection::SerialErrors {
+        noise: 0,
+        framing: 1_000_000,
+    };
+    for (what, (answers, broken, whole)) in [
+        ("noise", drive_with(during(dot, dot + 1, noise, clean))),
+        ("framing", drive_with(during(dot, dot + 1, framing, clean))),
+        (
+            "overrun",
+            drive_with(during(
+                3,
+                30,
+                Injection::SerialDeaf(true),
+                Injection::SerialDeaf(false),
+            )),
+        ),
+    ] {
+        assert_eq!(answers, "0\n4003\n0\n0\n", "{what}");
+        assert!(broken <= rest + 1, "{what}: {broken}");
+        assert!(whole.abs_diff(ten_volts) <= 2, "{what}: {whole}");
+    }
+}
+
+#[test]
+fn a_stop_byte_acts_in_the_interrupt() {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
+    let sent = 60 * MILLISECOND;
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        serial: vec![
+            (10 * MILLISECOND, b"ARM 1 2\nSVA 1 60\n".to_vec()),
+            (sent, vec![0x18]),
+        ],
+        ..Script::listening(70 * MILLISECOND)
+    };
+    run_on(&world, script);
+    let world = world.lock().expect("the world");
+    let falls = world
+        .codes
+        .windows(2)
+        .position(|pair| pair[1].1 < pair[0].1)
+        .expect("the drive goes to rest");
+    let acts_ns = world.began_ns() + (falls as u64 + 1) * world.period_ns;
+    // A byte, the rest of the period in which it ends, and the one in which the code is computed. A task
+    // would wait until the line is silent for a byte more.
+    let most_ns = BYTE_NS + 2 * world.period_ns;
+    assert!(
+        (sent..sent + most_ns).contains(&acts_ns),
+        "{} ns",
+        acts_ns - sent
     );
 }

@@ -7,6 +7,8 @@ use crate::common::{
 };
 
 use hysteron::servo::model::{LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
+use hysteron::servo::plant_set::PlantVariation;
+use hysteron::servo::sampled_loop::SampledLoop;
 use hysteron::servo::sliding_mode::{SlidingFamily, SlidingKind, SlidingTuning};
 use hysteron::servo::thesis_schemes::SlidingModeLaw;
 use hysteron_core::parameter_block::AmplifierParameters;
@@ -51,16 +53,22 @@ fn pidsmoc() -> AmplifierParameters {
     };
     let (estimator, controller, reaching) = family.gains(&tuning);
     let law = SlidingModeLaw::predicted(&nominal, &estimator, &controller, &reaching);
-    let loop_of = law.as_predictor().expect("linear");
-    let plant = linear.sampled();
-    let radius = |gain: f64, extra_delay: usize| loop_of.spectral_radius(&plant, gain, extra_delay);
+    let closing = law.as_predictor().expect("linear");
+    let varied = [
+        PlantVariation::NONE,
+        PlantVariation::with_gain(0.5),
+        PlantVariation::with_gain(1.5),
+        PlantVariation::with_delay_s(SAMPLING_PERIOD_S),
+    ];
+    let plants = varied.map(|variation| variation.sampled(&linear));
     assert!(
-        [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)]
-            .into_iter()
-            .all(|(gain, extra_delay)| radius(gain, extra_delay) < 1.0)
+        plants
+            .iter()
+            .all(|plant| SampledLoop::new(&closing, plant).is_stable())
     );
     let mut out = best_parameters();
-    out.physical.spectral_radius_millionths = (radius(1.0, 0) * 1e6).ceil() as u32;
+    out.physical.spectral_radius_millionths =
+        (1e6 * SampledLoop::new(&closing, &plants[0]).spectral_radius()).ceil() as u32;
     out.servo.law = law.following(&linear).quantised().expect("fits");
     out
 }

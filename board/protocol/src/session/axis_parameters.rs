@@ -5,7 +5,7 @@ use hysteron_core::loop_telemetry::ResonanceWatch;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use super::filters::{change_filter, filter_value};
-use super::{Pending, Piece, Session, Step, WAVE_TABLES, micrometres};
+use super::{Pending, Piece, Session, Step, WAVE_TABLES, micrometres, volts};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
@@ -57,6 +57,12 @@ impl<D: Device + 'static> Session<D> {
                         .filter(|ticks| *ticks > 0 || value == 0)
                         .ok_or(ErrorCode::Range)?;
                     self.device.set_host_timeout(ticks);
+                }
+                DeviceParameter::LargestMove => {
+                    self.largest_move = size(value, MICROMETRE_FRACTION_BITS)?;
+                }
+                DeviceParameter::LargestDriveStep => {
+                    self.largest_drive_step = size(value, VOLT_FRACTION_BITS)?;
                 }
                 DeviceParameter::Resonance => {
                     let frequency_millihertz = thousandths(value)?;
@@ -132,6 +138,8 @@ impl<D: Device + 'static> Session<D> {
             DeviceParameter::Tolerance => micrometres(self.tolerance),
             DeviceParameter::SettlingTime => seconds(self.settling_ticks),
             DeviceParameter::HostTimeout => seconds(self.device.host_timeout()),
+            DeviceParameter::LargestMove => micrometres(self.largest_move),
+            DeviceParameter::LargestDriveStep => volts(self.largest_drive_step),
             DeviceParameter::Resonance => of_thousandths(watch.frequency_millihertz),
             DeviceParameter::ResonanceAlarm => of_thousandths(watch.alarm_pm),
             DeviceParameter::ErrorRms => of_thousandths(figures.error_rms_pm),
@@ -208,6 +216,13 @@ impl<D: Device + 'static> Session<D> {
             Pending::Parameters(nth + 1),
         )
     }
+}
+
+/// A number that is not negative, as a fixed-point one.
+fn size(value: i64, fraction_bits: u32) -> Result<i32, ErrorCode> {
+    to_fixed(value, fraction_bits)
+        .filter(|size| *size >= 0)
+        .ok_or(ErrorCode::Range)
 }
 
 /// Thousandths of a number that is not negative.

@@ -128,11 +128,15 @@ impl<D: Device + 'static> Session<D> {
             "get the last faults, kept over restarts, the newest first",
             Self::events,
         ),
-        ("MOV", "<axis> <position> set the target, um", Self::move_to),
+        (
+            "MOV",
+            "<axis> <position> [FAR] set the target, um",
+            Self::move_to,
+        ),
         ("MOV?", "[<axis>] get the target, um", Self::target),
         (
             "MVR",
-            "<axis> <distance> move relative to the target, um",
+            "<axis> <distance> [FAR] move relative to the target, um",
             Self::move_by,
         ),
         (
@@ -181,7 +185,7 @@ impl<D: Device + 'static> Session<D> {
         ("STP", "stop: the drive goes to rest", Self::stopped),
         (
             "SVA",
-            "<axis> <drive> set the open-loop drive, V",
+            "<axis> <drive> [FAR] set the open-loop drive, V",
             Self::set_drive,
         ),
         (

@@ -2,6 +2,7 @@
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::filter_design::FilterSetting;
+use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::signal_filter::{FilteredSignal, Place, SECTIONS};
 
@@ -108,10 +109,16 @@ impl<D: Device + 'static> Session<D> {
         else {
             return;
         };
-        (self.velocity, self.tolerance, self.settling_ticks) =
-            (kept.velocity, kept.tolerance, kept.settling_ticks);
+        (self.velocity, self.tolerance) = (kept.velocity, kept.tolerance);
+        (self.largest_move, self.largest_drive_step) = (kept.largest_move, kept.largest_drive_step);
         self.filters = kept.filters;
-        self.device.set_host_timeout(kept.host_timeout_ticks);
+        let rate = self.sample_rate_hz();
+        self.settling_ticks =
+            (u64::from(kept.settling_us) * u64::from(rate)).div_ceil(1_000_000) as u32;
+        // It was accepted when it was read.
+        if let Some(ticks) = timeout_ticks(kept.host_timeout_ms, rate) {
+            self.device.set_host_timeout(ticks);
+        }
         // It was listened to before, at this sampling rate.
         let _ = self.device.listen(kept.watch);
     }
@@ -122,12 +129,18 @@ impl<D: Device + 'static> Session<D> {
             return Err(ErrorCode::Range);
         }
         words.end()?;
+        let rate = u64::from(self.sample_rate_hz().max(1));
+        let time = |ticks: u32, per_second: u64| {
+            u32::try_from(u64::from(ticks) * per_second / rate).unwrap_or(u32::MAX)
+        };
         let settings = KeptSettings {
             stage: self.parameters.physical.name,
             velocity: self.velocity,
             tolerance: self.tolerance,
-            settling_ticks: self.settling_ticks,
-            host_timeout_ticks: self.device.host_timeout(),
+            largest_move: self.largest_move,
+            largest_drive_step: self.largest_drive_step,
+            settling_us: time(self.settling_ticks, 1_000_000),
+            host_timeout_ms: time(self.device.host_timeout(), 1_000),
             baud: self.device.baud(),
             watch: self.device.resonance_watch(),
             filters: self.filters,

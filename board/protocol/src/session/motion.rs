@@ -16,6 +16,11 @@ const CONDITIONING_HZ: u32 = 10;
 /// The longest move, ticks.
 const LONGEST_MOVE_TICKS: i64 = 1 << 24;
 
+/// Whether a step is larger than the operator allows without a second word; 0: none is.
+fn exceeds(step: i32, largest: i32) -> bool {
+    largest > 0 && step.unsigned_abs() > largest.unsigned_abs()
+}
+
 impl<D: Device + 'static> Session<D> {
     pub(super) fn command(&mut self, first: Command, then: Option<Command>, meaning: Meaning) {
         self.pending = Pending::Commands {
@@ -117,19 +122,20 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn move_to(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let target = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
-        self.go(target)
+        let (target, far) =
+            words.of_axis(|words| Ok((words.micrometres(ErrorCode::Position)?, words.far()?)))?;
+        self.go(target, far)
     }
 
     pub(super) fn move_by(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let distance = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
-        self.go(self
-            .target
-            .checked_add(distance)
-            .ok_or(ErrorCode::Position)?)
+        let (distance, far) =
+            words.of_axis(|words| Ok((words.micrometres(ErrorCode::Position)?, words.far()?)))?;
+        let target = self.target.checked_add(distance);
+        self.go(target.ok_or(ErrorCode::Position)?, far)
     }
 
-    pub(super) fn go(&mut self, target: i32) -> Result<(), ErrorCode> {
+    /// `far`: also where that is a larger step than usual.
+    fn go(&mut self, target: i32, far: bool) -> Result<(), ErrorCode> {
         if !self.closed() {
             return Err(ErrorCode::ServoIsOff);
         }
@@ -145,6 +151,9 @@ impl<D: Device + 'static> Session<D> {
             self.target
         };
         let height = target.checked_sub(from).ok_or(ErrorCode::Position)?;
+        if !far && exceeds(height, self.largest_move) {
+            return Err(ErrorCode::StepTooLarge);
+        }
         // The quintic is 15/8 as fast as its mean at its middle.
         let rate = i64::from(self.parameters.physical.sample_rate_hz);
         let ticks = (i64::from(height).abs() * 15 * rate / 8)
@@ -173,7 +182,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn set_drive(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let drive = words.of_axis(Words::volts)?;
+        let (drive, far) = words.of_axis(|words| Ok((words.volts()?, words.far()?)))?;
         let view = self.device.view();
         if view.mode == Mode::Closed {
             return Err(ErrorCode::ServoIsOn);
@@ -183,6 +192,9 @@ impl<D: Device + 'static> Session<D> {
         }
         let c = &self.parameters.servo.converters;
         let distance = i64::from(drive.saturating_sub(c.drive(view.dac_code)));
+        if !far && exceeds(distance as i32, self.largest_drive_step) {
+            return Err(ErrorCode::StepTooLarge);
+        }
         let codes = (distance.abs() * i64::from(c.dac_codes_per_volt)) >> 42;
         let ticks = codes / i64::from(self.parameters.guard.ramp_codes.max(1)) + 1;
         self.begin_motion();

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicI32, Ordering};
 
-use hysteron_core::amplifier::Command;
+use hysteron_core::amplifier::{Command, ENDLESS_TICKS};
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, Volts};
 use hysteron_core::wave_table::{POINT_FRACTION_BITS, WaveTable};
@@ -349,7 +349,7 @@ impl<D: Device + 'static> Session<D> {
         } else {
             let (waveform, ticks) = (
                 Waveform::Table(self.as_played(points)),
-                ends_after.unwrap_or(u32::MAX),
+                ends_after.unwrap_or(ENDLESS_TICKS),
             );
             self.command(
                 Command::Play {

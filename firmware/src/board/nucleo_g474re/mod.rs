@@ -12,29 +12,24 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS, PWR, RCC};
-use embassy_stm32::peripherals::LPUART1;
 use embassy_stm32::rcc::{Hse, HseMode, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{
-    BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError,
-};
-use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
+use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
+use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
 
 use super::{Lines, Platform, ResetCause};
-use crate::fault;
+use crate::{fault, serial_line};
 
 /// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block
 /// characteristics).
 const LEVEL_2V81: u8 = 5;
 /// The detector's line of the EXTI (RM0440, EXTI lines connections).
 const DETECTOR_LINE: usize = 16;
-
-bind_interrupts!(struct Interrupts {
-    LPUART1 => BufferedInterruptHandler<LPUART1>;
-});
 
 /// Flash is being read that may be damaged, and what the NMI met meanwhile.
 static READING: AtomicBool = AtomicBool::new(false);
@@ -129,23 +124,19 @@ impl Platform for NucleoG474re {
     /// LPUART1 on PA2 (transmit) and PA3 (receive).
     fn serial_port(
         peripherals: Peripherals,
-        outgoing: &'static mut [u8],
-        incoming: &'static mut [u8],
         config: SerialConfig,
-    ) -> Result<BufferedUart<'static>, ConfigError> {
-        BufferedUart::new(
+    ) -> Result<Uart<'static, Blocking>, ConfigError> {
+        Uart::new_blocking(
             peripherals.LPUART1,
             peripherals.PA3,
             peripherals.PA2,
-            outgoing,
-            incoming,
-            Interrupts,
             config,
         )
     }
 
-    fn switch_serial_port(on: bool) {
-        LPUART1_REGISTERS.cr1().modify(|w| w.set_ue(on));
+    fn serial_registers() -> Lpuart {
+        // SAFETY: the layout of all serial ports of the part is the same as far as it is used here.
+        unsafe { Lpuart::from_ptr(LPUART1_REGISTERS.as_ptr()) }
     }
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
@@ -208,6 +199,11 @@ fn has_ecc_error() -> bool {
         });
     }
     damaged
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn LPUART1() {
+    serial_line::on_interrupt();
 }
 
 #[unsafe(no_mangle)]

@@ -15,32 +15,27 @@ mod voltage_monitor;
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
-use embassy_stm32::peripherals::USART3;
 use embassy_stm32::rcc::mux::{Adcsel, Saisel};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
     VoltageScale,
 };
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{
-    BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError,
-};
-use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
+use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
+use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
 
 use super::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
-use crate::fault;
+use crate::{fault, serial_line};
 
 /// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
 const LEVEL_2V76: u8 = 6;
 /// The detector's line of the EXTI (RM0433, table 150).
 const DETECTOR_LINE: usize = 16;
-
-bind_interrupts!(struct Interrupts {
-    USART3 => BufferedInterruptHandler<USART3>;
-});
 
 /// The board.
 pub struct NucleoH743zi;
@@ -151,23 +146,14 @@ impl Platform for NucleoH743zi {
     /// USART3 on PD8 (transmit) and PD9 (receive).
     fn serial_port(
         peripherals: Peripherals,
-        outgoing: &'static mut [u8],
-        incoming: &'static mut [u8],
         config: SerialConfig,
-    ) -> Result<BufferedUart<'static>, ConfigError> {
-        BufferedUart::new(
-            peripherals.USART3,
-            peripherals.PD9,
-            peripherals.PD8,
-            outgoing,
-            incoming,
-            Interrupts,
-            config,
-        )
+    ) -> Result<Uart<'static, Blocking>, ConfigError> {
+        Uart::new_blocking(peripherals.USART3, peripherals.PD9, peripherals.PD8, config)
     }
 
-    fn switch_serial_port(on: bool) {
-        USART3_REGISTERS.cr1().modify(|w| w.set_ue(on));
+    fn serial_registers() -> Lpuart {
+        // SAFETY: the layout of all serial ports of the part is the same as far as it is used here.
+        unsafe { Lpuart::from_ptr(USART3_REGISTERS.as_ptr()) }
     }
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
@@ -218,6 +204,11 @@ impl Platform for NucleoH743zi {
         // SAFETY: the handler below shares nothing with what it interrupts, and never returns to it.
         unsafe { interrupt::PVD_AVD.enable() };
     }
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn USART3() {
+    serial_line::on_interrupt();
 }
 
 #[unsafe(no_mangle)]

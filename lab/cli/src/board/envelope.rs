@@ -33,6 +33,13 @@ struct EnvelopeFile {
     /// Codes at either end of the sensor, of 65,536, that no block calls honest.
     sensor_margin_codes: u16,
     healthy_s: f64,
+    /// Positions of all codes of the sensor.
+    sensor_span_um: f64,
+    /// Largest change of a reading in a tick that a block calls honest.
+    sensor_jump_um: f64,
+    /// A bench without a stage: a loop may be closed that no self-test has tried.
+    #[serde(default)]
+    closes_untested: bool,
     capacitance_uf: f64,
     current_ma: f64,
     /// The drive's SDO is wired.
@@ -97,6 +104,9 @@ impl EnvelopeFile {
             }) as u32,
             monitor_tolerance_mv: monitor(|m| m.tolerance_v * 1e3) as u16,
             monitor_lag_us: monitor(|m| m.lag_s * 1e6) as u32,
+            sensor_span_nm: (self.sensor_span_um * 1e3).round() as u32,
+            jump_within_nm: (self.sensor_jump_um * 1e3).round() as u32,
+            closes_untested: self.closes_untested,
         }
     }
 }
@@ -194,6 +204,8 @@ mod tests {
         tracking_error_um = 1.0
         sensor_margin_codes = 16
         healthy_s = 0.1
+        sensor_span_um = 15.0
+        sensor_jump_um = 1.5
         capacitance_uf = 1.5
         current_ma = 20.0
     "#;

@@ -9,10 +9,10 @@ use crate::read_arguments::ReadArguments;
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
-use hysteron::servo::commands::{self, CheckResult};
+use hysteron::servo::check;
+use hysteron::servo::check::CheckResult;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::words;
 use hysteron::statistics::{extremes, mean};
 use hysteron::synthetic::drives::board_drives;
 use hysteron::{Dataset, Error, Result};
@@ -21,6 +21,7 @@ use hysteron_client::playing::{Wave, listen, play};
 use hysteron_client::scale::Scale;
 use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
+use hysteron_report::servo_words as words;
 use hysteron_report::{
     CurveRole, Page, PageBlock, Plot, Section, Series, Tone, explain_page, explain_report, nyquist,
     sensitivity, trade_off,
@@ -288,7 +289,7 @@ fn design(
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check_with(&design, &found.model, Some(&dataset))
+    let check = check::check_with(&design, &found.model, Some(&dataset))
         .map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset

@@ -10,6 +10,7 @@ mod lab;
 mod outputs;
 mod own_effects;
 mod own_effects_page;
+mod own_plant;
 mod planting;
 mod scope;
 mod servo_files;

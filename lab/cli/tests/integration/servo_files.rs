@@ -769,7 +769,7 @@ fn every_scheme_has_a_sentence_in_the_help() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["check", "track"] {
         let help = done(&[command, "--help"], folder.path());
-        for (name, what) in hysteron::servo::commands::SCHEMES {
+        for (name, what) in hysteron::servo::named_scheme::SCHEMES {
             let begins = what
                 .split_whitespace()
                 .take(3)

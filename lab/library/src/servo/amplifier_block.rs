@@ -23,6 +23,7 @@ use serde::Deserialize;
 use crate::error::{Error, Result};
 use crate::servo::design::ServoDesign;
 use crate::servo::model::ModeModel;
+use crate::servo::sampled_loop::SampledLoop;
 
 /// Sampling rate of an image that nothing else is known of, Hz.
 pub const USUAL_SAMPLE_RATE_HZ: u32 = 20_000;
@@ -290,7 +291,7 @@ pub fn amplifier_parameters(
             ),
         ));
     }
-    let radius = law.spectral_radius(&model.linear.sampled(), 1.0, 0);
+    let radius = SampledLoop::new(&law, &model.linear.sampled()).spectral_radius();
     let converters = converters(front_end, model.drive_min_v, model.drive_max_v)?;
     let servo = design
         .parameters(converters)

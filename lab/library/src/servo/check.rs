@@ -1,455 +1,440 @@
-//! Is a loop stable? The thesis' continuous conditions, and the eigenvalues of the sampled loop that decide.
+//! What `hysteron check` says of a servo on an actuator: poles, margins, and whether it holds for every plant
+//! that a design has to hold for.
 
-use super::model::NominalModel;
-use super::thesis_schemes::{
-    AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw,
-};
-use nalgebra::{Complex, DMatrix};
+use super::design::{Form, Scheme, ServoDesign};
+use super::from_rest::Beginning;
+use super::known::{ASSUMED_NOISE_UM, OnPlants, Reckoned, known_delay_s};
+use super::law::PredictorDesign;
+use super::loop_margins::{Loop, LoopMargins};
+use super::model::{ActuatorModel, NominalModel, required_model};
+use super::plant_set::PlantVariation;
+use super::sampled_loop::{SampledLoop, used_poles};
+use super::thesis_conditions::{self, ContinuousConditions, pairs};
+use super::thesis_schemes::{ReachingGains, SlidingModeLaw};
+use crate::dataset::Dataset;
+use hysteron_sim::chain::Model;
+use nalgebra::Complex;
 use serde::Serialize;
-use std::f64::consts::TAU;
 
-/// Roots of a polynomial, coefficients in descending powers, by the eigenvalues of its companion matrix,
-/// sorted by real part.
-#[must_use]
-pub fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
-    let Some((leading, rest)) = coefficients.split_first() else {
-        return Vec::new();
-    };
-    let n = rest.len();
-    if *leading == 0.0 || n == 0 {
-        return Vec::new();
+/// What `hysteron check` found.
+#[derive(Clone, Debug, Serialize)]
+pub struct CheckResult {
+    /// `hysteron.check/1`.
+    pub schema: String,
+    /// Scheme.
+    pub scheme: String,
+    /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its
+    /// hysteresis, the period of delay included where the design has it.
+    pub stable: bool,
+    /// Which criterion says that it is not, where it is judged and is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unstable_because: Option<String>,
+    /// Sampled eigenvalues `[re, im]` at the mean gain.
+    pub sampled_poles: Vec<[f64; 2]>,
+    /// The thesis' continuous conditions; empty where they do not apply.
+    pub continuous: ContinuousConditions,
+    /// Margins on the actuator that it was checked against.
+    pub margins: Option<LoopMargins>,
+    /// Whether it holds for the plants that a design for this actuator has to hold for; empty where no linear
+    /// law closes the loop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub on_plants: Option<OnPlants>,
+    /// What it means, in sentences.
+    pub remarks: Vec<String>,
+}
+
+impl CheckResult {
+    /// A criterion that is not met; the result reports the first of them.
+    fn fails(&mut self, because: String) {
+        self.stable = false;
+        self.unstable_because.get_or_insert(because);
     }
-    // Scaled to s = scale * p so that the companion matrix is balanced.
-    let scale = rest
-        .iter()
-        .enumerate()
-        .map(|(i, c)| (c / leading).abs().powf(1.0 / (i + 1) as f64))
-        .fold(0.0, f64::max);
-    if scale == 0.0 {
-        return vec![Complex::new(0.0, 0.0); n];
-    }
-    let mut companion = DMatrix::zeros(n, n);
-    for (i, c) in rest.iter().enumerate() {
-        companion[(0, i)] = -c / leading / scale.powi(i as i32 + 1);
-        if i + 1 < n {
-            companion[(i + 1, i)] = 1.0;
+
+    /// Takes the eigenvalues of the loop at a gain.
+    fn judge_poles(&mut self, poles: &[Complex<f64>], whose: &str) {
+        self.sampled_poles = pairs(poles);
+        if !all_inside(poles) {
+            self.fails(format!(
+                "the largest eigenvalue {whose} is {:.4}",
+                self.largest_eigenvalue()
+            ));
         }
     }
-    let mut out: Vec<Complex<f64>> = companion
-        .complex_eigenvalues()
-        .iter()
-        .map(|z| z * scale)
-        .collect();
-    // A few Newton steps on the polynomial itself.
-    for z in &mut out {
-        for _ in 0..3 {
-            let (mut value, mut slope) = (Complex::new(0.0, 0.0), Complex::new(0.0, 0.0));
-            for c in coefficients {
-                slope = slope * *z + value;
-                value = value * *z + *c;
+
+    /// Largest magnitude of the sampled eigenvalues at the mean gain; zero where none are taken.
+    #[must_use]
+    pub fn largest_eigenvalue(&self) -> f64 {
+        self.sampled_poles
+            .iter()
+            .map(|p| p[0].hypot(p[1]))
+            .fold(0.0, f64::max)
+    }
+
+    /// The verdict in words, behind the name of the scheme.
+    #[must_use]
+    pub fn verdict(&self) -> String {
+        let largest = self.largest_eigenvalue();
+        match (
+            &self.unstable_because,
+            self.sampled_poles.is_empty(),
+            self.stable,
+        ) {
+            (Some(because), _, _) if largest < 1.0 => {
+                format!(
+                    "UNSTABLE: {because} (the largest eigenvalue with the mean gain, {largest:.4}, is stable)"
+                )
             }
-            if slope.norm() > 0.0 {
-                *z -= value / slope;
-            }
+            (Some(because), ..) => format!("UNSTABLE: {because}"),
+            (None, false, true) => format!("stable, largest sampled eigenvalue {largest:.4}"),
+            (None, ..) => "not judged".to_owned(),
         }
     }
-    out.sort_by(|x, y| x.re.total_cmp(&y.re).then(x.im.total_cmp(&y.im)));
-    out
 }
 
-/// Sliding surface parameter of the observer for a constant unknown input: the real root of Ch. 7, Eq. (19);
-/// the largest if there are three.
-#[must_use]
-pub fn sliding_surface_parameter(model: &NominalModel, gains: &ObserverGains) -> f64 {
-    let b2 = model.b2();
-    roots(&[1.0, model.a22() - b2 * gains.d, b2 * gains.p, -b2 * gains.i])
-        .into_iter()
-        .filter(|z| z.im.abs() <= 1e-6 * z.norm().max(1.0))
-        .map(|z| z.re)
-        .fold(f64::NAN, f64::max)
+/// Checks a design against an actuator's chain, without a recording of it.
+///
+/// # Errors
+/// A message that says what the model lacks.
+pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String> {
+    check_with(design, chain, None)
 }
 
-/// Roots of Ch. 7, Eq. (21): reachability of the observer's sliding surface.
-#[must_use]
-pub fn observer_reachability(model: &NominalModel, gains: &ObserverGains) -> Vec<Complex<f64>> {
-    let b2 = model.b2();
-    roots(&[
-        1.0,
-        b2 * gains.d + sliding_surface_parameter(model, gains),
-        b2 * gains.p,
-        b2 * gains.i,
-    ])
-}
-
-/// Poles of Ch. 7, Eq. (26): the observer itself.
-#[must_use]
-pub fn observer_poles(model: &NominalModel, gains: &ObserverGains) -> Vec<Complex<f64>> {
-    let b2 = model.b2();
-    roots(&[1.0, b2 * gains.d - model.a22(), b2 * gains.p, b2 * gains.i])
-}
-
-/// Frequency response of Ch. 7, Eq. (26), `G_3 = G_4`.
-#[must_use]
-pub fn observer_response(
-    model: &NominalModel,
-    gains: &ObserverGains,
-    omega_rad_s: f64,
-) -> Complex<f64> {
-    let (b2, s) = (model.b2(), Complex::new(0.0, omega_rad_s));
-    let numerator = s * s * (b2 * gains.d) + s * (model.a21() + b2 * gains.p) + b2 * gains.i;
-    numerator
-        / (s * s * s + s * s * (b2 * gains.d - model.a22()) + s * (b2 * gains.p) + b2 * gains.i)
-}
-
-/// Roots of Ch. 6, 3.2 (Ch. 7, Eq. 30), reachability of the controller's sliding surface, and `-m`, the
-/// sliding motion.
-#[must_use]
-pub fn controller_poles(model: &NominalModel, gains: &ControllerGains) -> Vec<Complex<f64>> {
-    let b2 = model.b2();
-    let mut out = roots(&[b2 * gains.d + 1.0, b2 * gains.p, b2 * gains.i]);
-    out.push(Complex::new(-gains.m, 0.0));
-    out
-}
-
-/// Poles of Ch. 6, Eqs. (40)-(41): PIDSMC with the continuous alpha-beta filter; `T` is the period of the
-/// filter.
-#[must_use]
-pub fn alpha_beta_loop_poles(
-    model: &NominalModel,
-    gains: &ControllerGains,
-    filter: &AlphaBeta,
-    period_s: f64,
-) -> Vec<Complex<f64>> {
-    let (a21, a22, b2) = (model.a21(), model.a22(), model.b2());
-    let (xi, w, t) = (
-        filter.damping_ratio,
-        filter.natural_frequency_rad_s,
-        period_s,
-    );
-    let ControllerGains { m, p, i, d } = *gains;
-    let w2 = w * w;
-    roots(&[
-        1.0,
-        2.0 * xi * w - a22,
-        w2 - a21 - 2.0 * a22 * xi * w + b2 * d * w2 + 2.0 * b2 * d * xi * w * m
-            - b2 * d * t * m * w2,
-        m * w2 + b2 * p * w2 - a21 * t * w2 + b2 * d * m * w2 + 2.0 * b2 * p * xi * w * m
-            - b2 * p * t * m * w2,
-        b2 * i * w2 + b2 * p * m * w2 + 2.0 * b2 * i * xi * w * m - b2 * i * t * m * w2,
-        b2 * i * m * w2,
-    ])
-}
-
-/// Frequency response of Ch. 7, Eq. (34), `G_6`: displacement per unknown input, um/V.
-#[must_use]
-pub fn unknown_input_response(
-    model: &NominalModel,
-    o: &ObserverGains,
-    c: &ControllerGains,
-    omega_rad_s: f64,
-) -> Complex<f64> {
-    let (a21, a22, b2, s) = (
-        model.a21(),
-        model.a22(),
-        model.b2(),
-        Complex::new(0.0, omega_rad_s),
-    );
-    let numerator = s * s * s * (1.0 + b2 * c.d)
-        + s * s * (c.m + b2 * c.p + b2 * c.d * c.m + b2 * o.d)
-        + s * (a21 + b2 * c.p * c.m + b2 * c.i + b2 * o.p)
-        + b2 * c.i * c.m
-        + b2 * o.i;
-    let controller = (s + c.m) * (s * s * (b2 * c.d + 1.0) + s * (b2 * c.p) + b2 * c.i);
-    let observer = s * s * s + s * s * (b2 * o.d - a22) + s * (b2 * o.p) + b2 * o.i;
-    s * b2 * numerator / (controller * observer)
-}
-
-/// Gains in the thesis' units, and what its rules say of them: the cut-off of `G_3` and the attenuation of
-/// the unknown input, `G_6`.
-#[must_use]
-pub fn gains_in_words(
-    nominal: &NominalModel,
-    estimator: &Estimator,
-    controller: &ControllerGains,
-    reaching: &ReachingGains,
-    reference_hz: f64,
-) -> Vec<String> {
-    let ControllerGains { m, p, i, d } = *controller;
-    let reached = match reaching {
-        ReachingGains::Pid if d == 0.0 => format!(
-            "P_c = {p:.3e} V s/um, I_c = {i:.3} V/um, D_c = 0 (it would only rescale the others)"
-        ),
-        ReachingGains::Pid => {
-            format!("P_c = {p:.3e} V s/um, I_c = {i:.3} V/um, D_c = {d:.1e} V s^2/um")
-        }
-        ReachingGains::Switching { eta_v } => format!("eta = {eta_v:.2} V"),
-        ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
-            format!("eta = {eta_v:.2} V, delta = {delta_um_s:.0} um/s")
-        }
+/// Checks a design against an actuator's chain and, with the recording behind it, for the plants that this
+/// leaves possible.
+///
+/// # Errors
+/// A message that says what the model lacks, or that the data are not those of the model.
+pub fn check_with(
+    design: &ServoDesign,
+    chain: &Model,
+    recording: Option<&Dataset>,
+) -> Result<CheckResult, String> {
+    let model = required_model(chain)?;
+    let on = Actuator {
+        design,
+        chain,
+        reckoned: Reckoned::with_recording(chain, model.clone(), recording)?,
+        delay_s: known_delay_s(chain),
+        ratio: gain_ratio(&design.model, &model, design.inverts_hysteresis()),
+        model,
     };
-    let estimated = match estimator {
-        Estimator::Pidsmo(o) => format!(
-            "P_o = {:.2} V/um, I_o = {:.0} V/(um s), D_o = {:.2e} V s/um",
-            o.p, o.i, o.d
-        ),
-        Estimator::AlphaBeta(f) => {
-            format!(
-                "alpha-beta filter of {:.0} Hz, damping ratio {:.2}",
-                f.natural_frequency_rad_s / TAU,
-                f.damping_ratio
-            )
-        }
+    let mut out = CheckResult {
+        schema: "hysteron.check/1".into(),
+        scheme: design.scheme_name().into(),
+        stable: false,
+        unstable_because: None,
+        sampled_poles: Vec::new(),
+        continuous: ContinuousConditions::default(),
+        margins: None,
+        on_plants: None,
+        remarks: Vec::new(),
     };
-    let mut out = vec![format!("m_c = {m:.0} 1/s, {reached}; {estimated}.")];
-    if let (Estimator::Pidsmo(o), ReachingGains::Pid) = (estimator, reaching) {
-        out.push(format!(
-            "The observer's G_3 is cut off at {:.0} Hz (Ch. 7, Eq. 26). Of the unknown input {:.2} nm/V get through at {reference_hz:.0} Hz in continuous time (G_6, Ch. 7, Eq. 34).",
-            super::schemes::observer_cutoff_hz(nominal, o),
-            1e3 * unknown_input_response(nominal, o, controller, TAU * reference_hz).norm()
+    if let Some(law) = design.law() {
+        on.judge_law(&law, &mut out);
+        on.remark_scheme(&law, &mut out);
+        return Ok(out);
+    }
+    match &design.scheme {
+        Scheme::SlidingMode {
+            nominal,
+            estimator,
+            controller,
+            reaching: ReachingGains::Pid,
+            form: Form::Printed,
+        } => {
+            let law = SlidingModeLaw::new(nominal, estimator, controller, &ReachingGains::Pid);
+            out.continuous =
+                thesis_conditions::sliding_mode(nominal, estimator, controller, design.delayed)
+                    .continuous;
+            on.judge_printed_law(&law, &mut out);
+        }
+        _ => out.remarks.push(
+            "No eigenvalues are taken of this one (a law that switches, or a regulator without the period of delay), and nothing is claimed: follow a reference to judge it.".into(),
+        ),
+    }
+    Ok(out)
+}
+
+/// What a design is checked on.
+struct Actuator<'a> {
+    design: &'a ServoDesign,
+    chain: &'a Model,
+    model: ActuatorModel,
+    reckoned: Reckoned,
+    delay_s: f64,
+    /// Gain over the one that the law inverts: least, mean, largest.
+    ratio: [f64; 3],
+}
+
+impl Actuator<'_> {
+    /// Eigenvalues and margins of a law.
+    fn judge_law(&self, law: &PredictorDesign, out: &mut CheckResult) {
+        let linear = &self.model.linear;
+        let plant = PlantVariation::with_delay_s(self.delay_s).sampled(linear);
+        let [_, mean, _] = self.ratio;
+        let beginning = Beginning {
+            design: self.design,
+            chain: self.chain,
+            // What both reach: a reference is given in um, whatever the servo's own model has as its reach.
+            travel_um: self.model.reach_um().min(self.design.model.reach_um()),
+            noise_um: self.design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
+        };
+        let margins = Loop {
+            law,
+            linear,
+            gain_ratio: self.ratio,
+            delay_s: self.delay_s,
+            beginning: Some(beginning),
+            recording: self.reckoned.recording(),
+        }
+        .judged();
+        out.on_plants = Some(self.reckoned.judge(law, mean));
+        out.stable = true;
+        let poles = SampledLoop::new(law, &plant).with_gain(mean).poles();
+        out.judge_poles(&poles, "with the mean gain");
+        let places = ["smallest", "mean", "largest"]
+            .into_iter()
+            .zip(self.ratio.into_iter().zip(margins.spectral_radius));
+        // The mean is what the eigenvalues are of; where only it fails that is reported already.
+        for (place, (gain, radius)) in
+            places.filter(|(_, (_, radius))| radius.is_nan() || *radius >= 1.0)
+        {
+            out.fails(format!(
+                "where the actuator's gain is the {place}, {gain:.2} times the one that the law inverts, the largest eigenvalue is {radius:.4}"
+            ));
+        }
+        out.margins = Some(margins);
+    }
+
+    /// What is to be said of a scheme beside its margins.
+    fn remark_scheme(&self, law: &PredictorDesign, out: &mut CheckResult) {
+        let in_sampled_time =
+            "The loop is designed and checked in sampled time with the period of delay inside.";
+        match &self.design.scheme {
+            Scheme::Predictor { .. } => {
+                out.remarks.push(in_sampled_time.into());
+                self.judge_adaptation(law, out);
+                self.judge_learning(law, out);
+            }
+            Scheme::SlidingMode {
+                nominal,
+                estimator,
+                controller,
+                reaching,
+                ..
+            } => {
+                out.remarks.push(in_sampled_time.into());
+                if matches!(reaching, ReachingGains::BoundaryLayer { .. }) {
+                    out.remarks.push(
+                        "Judged with the slope at the middle of the boundary layer, its largest; it has no integral, so a steady error stays."
+                            .into(),
+                    );
+                }
+                if *reaching == ReachingGains::Pid {
+                    out.continuous =
+                        thesis_conditions::sliding_mode(nominal, estimator, controller, true)
+                            .continuous;
+                }
+            }
+            Scheme::Feedforward { .. } => out
+                .remarks
+                .push("What is fed forward does not touch stability.".into()),
+            Scheme::Pid { .. } => out.remarks.push(format!(
+                "The drive counts with the mean gain of the largest loop, {:.4} um/V.",
+                self.design.model.mean_gain_um_v()
+            )),
+            Scheme::DisturbanceObserver { .. } => {}
+        }
+    }
+
+    /// The eigenvalues wherever the correction of the gain may stand.
+    fn judge_adaptation(&self, law: &PredictorDesign, out: &mut CheckResult) {
+        let Some(adaptation) = &self.design.adaptation else {
+            return;
+        };
+        let plant = PlantVariation::with_delay_s(self.delay_s).sampled(&self.model.linear);
+        let beliefs = self.ratio.iter();
+        let worst = beliefs
+            .flat_map(|gain| adaptation.over_beliefs(*gain))
+            .map(|gain| {
+                SampledLoop::new(law, &plant)
+                    .with_gain(gain)
+                    .spectral_radius()
+            })
+            .fold(0.0, f64::max);
+        let percent = 100.0 * adaptation.farthest;
+        if worst.is_nan() || worst >= 1.0 {
+            out.fails(format!(
+                "with the correction of the gain at a bound of its +-{percent:.0} % the largest eigenvalue is {worst:.4}"
+            ));
+        }
+        out.remarks.push(format!(
+            "Wherever the correction of the gain stands within its +-{percent:.0} % the largest eigenvalue is at most {worst:.3}{}.",
+            if worst < 1.0 { "" } else { ": UNSTABLE" }
         ));
     }
-    out
-}
 
-/// Sampled eigenvalues and the thesis' conditions for a sliding-mode scheme.
-#[derive(Clone, Debug, Serialize)]
-pub struct SlidingModeCheck {
-    /// Largest magnitude of the sampled eigenvalues below one.
-    pub stable: bool,
-    /// Sampled eigenvalues `[re, im]`.
-    pub sampled_poles: Vec<[f64; 2]>,
-    /// The thesis' continuous conditions.
-    pub continuous: ContinuousConditions,
-}
-
-/// The thesis' continuous conditions: they say nothing of delay and sampling.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct ContinuousConditions {
-    /// Controller: roots of Ch. 7, Eq. (30), and `-m_c`.
-    pub controller: Vec<[f64; 2]>,
-    /// Observer: poles of Ch. 7, Eq. (26) (empty for a filter).
-    pub observer: Vec<[f64; 2]>,
-    /// Reachability of the observer's surface: roots of Ch. 7, Eq. (21) (empty for a filter).
-    pub reachability: Vec<[f64; 2]>,
-    /// Closed loop: Ch. 6, Eqs. (40)-(41) with a filter; observer and controller together with the PIDSMO.
-    pub closed_loop: Vec<[f64; 2]>,
-    /// Sliding surface parameter `m_o` (Ch. 7, Eq. 19).
-    pub m_o: Option<f64>,
-    /// All of them in the left half plane.
-    pub satisfied: bool,
-}
-
-/// Complex numbers as pairs.
-#[must_use]
-pub fn pairs(values: &[Complex<f64>]) -> Vec<[f64; 2]> {
-    values.iter().map(|z| [z.re, z.im]).collect()
-}
-
-/// Checks a sliding-mode scheme with PID, with or without the period of delay, against the nominal model.
-#[must_use]
-pub fn sliding_mode(
-    model: &NominalModel,
-    estimator: &Estimator,
-    gains: &ControllerGains,
-    delayed: bool,
-) -> SlidingModeCheck {
-    let law = SlidingModeLaw::new(model, estimator, gains, &ReachingGains::Pid);
-    let eigenvalues: Vec<Complex<f64>> = law
-        .closed_loop(model, usize::from(delayed))
-        .complex_eigenvalues()
-        .iter()
-        .copied()
-        .filter(|z| z.norm() > 1e-9)
-        .collect();
-    let controller = controller_poles(model, gains);
-    let (observer, reachability, closed_loop, m_o) = match estimator {
-        Estimator::Pidsmo(o) => {
-            let poles = observer_poles(model, o);
-            let all = controller.iter().chain(&poles).copied().collect();
-            (
-                poles,
-                observer_reachability(model, o),
-                all,
-                Some(sliding_surface_parameter(model, o)),
-            )
+    /// Whether learning converges.
+    fn judge_learning(&self, law: &PredictorDesign, out: &mut CheckResult) {
+        let Some(learning) = &self.design.learning else {
+            return;
+        };
+        let worst_of = |gains: Vec<f64>| {
+            let found = gains
+                .into_iter()
+                .map(|gain| learning.contraction_on(law, &self.model.linear, gain, self.delay_s));
+            found
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .unwrap_or((f64::NAN, 0.0))
+        };
+        let (contraction, hz) = worst_of(self.ratio.to_vec());
+        let converges = contraction < 1.0;
+        if !converges {
+            out.fails(format!(
+                "learning diverges, an error becomes {contraction:.2} times itself from period to period at {hz:.0} Hz"
+            ));
         }
-        Estimator::AlphaBeta(f) => (
-            Vec::new(),
-            Vec::new(),
-            alpha_beta_loop_poles(model, gains, f, super::model::SAMPLING_PERIOD_S),
-            None,
-        ),
-    };
-    let satisfied = controller
-        .iter()
-        .chain(&observer)
-        .chain(&reachability)
-        .chain(&closed_loop)
-        .all(|z| z.re < 0.0)
-        && m_o.is_none_or(|m| m > 0.0);
-    SlidingModeCheck {
-        stable: eigenvalues.iter().all(|z| z.norm() < 1.0),
-        sampled_poles: pairs(&eigenvalues),
-        continuous: ContinuousConditions {
-            controller: pairs(&controller),
-            observer: pairs(&observer),
-            reachability: pairs(&reachability),
-            closed_loop: pairs(&closed_loop),
-            m_o,
-            satisfied,
-        },
+        out.remarks.push(format!(
+            "Learning {} on this actuator: an error becomes at most {contraction:.2} times itself from period to period (at {hz:.0} Hz).",
+            if converges { "converges" } else { "DIVERGES" }
+        ));
+        if let Some(adaptation) = &self.design.adaptation {
+            // It decides nothing: a gain that is learned does not stay where it is wrong.
+            let beliefs = self.ratio.iter();
+            let (farthest, hz) = worst_of(
+                beliefs
+                    .flat_map(|gain| adaptation.over_beliefs(*gain))
+                    .collect(),
+            );
+            out.remarks.push(format!(
+                "While the correction of the gain stands farthest off, to either side, it becomes at most {farthest:.2} times itself (at {hz:.0} Hz)."
+            ));
+        }
+        out.remarks.push(learning.in_words());
     }
+
+    /// The eigenvalues of a law as the thesis prints it, on the first mode and the mean gain.
+    fn judge_printed_law(&self, law: &SlidingModeLaw, out: &mut CheckResult) {
+        let mode = self.model.linear.first_mode;
+        let plant = NominalModel {
+            natural_frequency_rad_s: mode.natural_frequency_rad_s,
+            damping_ratio: mode.damping_ratio,
+            gain_um_v: self.model.mean_gain_um_v(),
+        };
+        let poles = |delay: usize| used_poles(&law.closed_loop(&plant, delay));
+        let delayed = self.design.delayed;
+        out.stable = true;
+        out.judge_poles(
+            &poles(usize::from(delayed)),
+            "on the first mode and the mean gain",
+        );
+        if out.continuous.satisfied && !out.stable {
+            out.remarks.push(
+                "The thesis' continuous conditions hold, yet the sampled loop is unstable: they know nothing of sampling and delay."
+                    .into(),
+            );
+        }
+        if delayed {
+            let without = if all_inside(&poles(0)) {
+                "stable"
+            } else {
+                "unstable"
+            };
+            out.remarks
+                .push(format!("Without the period of delay it is {without}."));
+        }
+        out.remarks.push(format!(
+            "Sampled eigenvalues on the given model's first mode and mean gain: wn = {:.0} rad/s, xi = {:.3}, K = {:.4} um/V.",
+            plant.natural_frequency_rad_s, plant.damping_ratio, plant.gain_um_v
+        ));
+    }
+}
+
+fn all_inside(poles: &[Complex<f64>]) -> bool {
+    poles.iter().all(|z| z.norm() < 1.0)
+}
+
+/// Gain of an actuator over the one that a design inverts, wherever the hysteresis may stand: least, that of
+/// the whole range, largest. Slopes are compared over steps of a sixteenth of the range: what a loop of that
+/// size feels.
+#[must_use]
+pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bool) -> [f64; 3] {
+    const STEPS: usize = 16;
+    let (of_design, of_actuator) = (design.surfaces(), actuator.surfaces());
+    let range_v = design.drive_max_v - design.drive_min_v;
+    let share = |i: usize| i as f64 / STEPS as f64;
+    // The same voltages, as shares of the actuator's own range.
+    let there = |x: f64| {
+        (design.drive_min_v + x * range_v - actuator.drive_min_v)
+            / (actuator.drive_max_v - actuator.drive_min_v)
+    };
+    let mean_step_um = of_design.loop_loss(1.0, 0.0) / STEPS as f64;
+    let mut ratio = [
+        f64::INFINITY,
+        of_actuator.loop_loss(there(1.0), there(0.0)) / of_design.loop_loss(1.0, 0.0),
+        f64::NEG_INFINITY,
+    ];
+    let mut see = |step: &dyn Fn(bool) -> f64| {
+        let value = step(true) / if inverted { step(false) } else { mean_step_um };
+        ratio[0] = ratio[0].min(value);
+        ratio[2] = ratio[2].max(value);
+    };
+    for i in 1..=STEPS {
+        for j in 0..i {
+            let loss = |x: f64, z: f64, actual: bool| {
+                if actual {
+                    of_actuator.loop_loss(there(x), there(z))
+                } else {
+                    of_design.loop_loss(x, z)
+                }
+            };
+            see(&|actual| loss(share(i), share(j), actual) - loss(share(i - 1), share(j), actual));
+            see(&|actual| loss(share(i), share(j), actual) - loss(share(i), share(j + 1), actual));
+        }
+    }
+    ratio
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const MODEL: NominalModel = NominalModel::THESIS;
-
-    fn close(found: &[Complex<f64>], printed: &[(f64, f64)], tolerance: f64) {
-        assert_eq!(found.len(), printed.len());
-        for (re, im) in printed {
-            assert!(
-                found
-                    .iter()
-                    .any(|z| (z.re - re).abs() <= tolerance && (z.im - im).abs() <= tolerance),
-                "{re} {im} not in {found:?}"
-            );
+    fn found(stable: bool, poles: &[f64], unstable_because: Option<&str>) -> CheckResult {
+        CheckResult {
+            schema: String::new(),
+            scheme: String::new(),
+            stable,
+            unstable_because: unstable_because.map(Into::into),
+            sampled_poles: poles.iter().map(|re| [*re, 0.0]).collect(),
+            continuous: ContinuousConditions::default(),
+            margins: None,
+            on_plants: None,
+            remarks: Vec::new(),
         }
     }
 
     #[test]
-    fn poles_of_chapter_6() {
-        let poles = alpha_beta_loop_poles(
-            &MODEL,
-            &ControllerGains::THESIS_SLIDING,
-            &AlphaBeta::THESIS_CHAPTER_6,
-            5e-5,
+    fn no_verdict_of_unstable_stands_beside_a_stable_eigenvalue_alone() {
+        let learning = found(false, &[0.9753, -0.3], Some("learning diverges"));
+        assert_eq!(
+            learning.verdict(),
+            "UNSTABLE: learning diverges (the largest eigenvalue with the mean gain, 0.9753, is stable)"
         );
-        close(
-            &poles,
-            &[
-                (-7606.45, 0.0),
-                (-1919.21, 5237.84),
-                (-1919.21, -5237.84),
-                (-1413.45, 0.0),
-                (-15.02, 0.0),
-            ],
-            0.006,
+        assert_eq!(
+            found(false, &[1.2], Some("it is 1.2000")).verdict(),
+            "UNSTABLE: it is 1.2000"
         );
-        let poles = alpha_beta_loop_poles(
-            &MODEL,
-            &ControllerGains::THESIS_CHAPTER_6,
-            &AlphaBeta::THESIS_CHAPTER_6,
-            5e-5,
+        assert_eq!(
+            found(true, &[0.9], None).verdict(),
+            "stable, largest sampled eigenvalue 0.9000"
         );
-        close(
-            &poles,
-            &[
-                (-7779.32, 0.0),
-                (-1435.37, 5296.74),
-                (-1435.37, -5296.74),
-                (-1111.65, 1529.75),
-                (-1111.65, -1529.75),
-            ],
-            0.006,
+        assert_eq!(found(false, &[], None).verdict(), "not judged");
+        let mut both = found(true, &[], None);
+        both.judge_poles(&[Complex::new(0.0, 1.01)], "with the mean gain");
+        both.fails("another".into());
+        assert_eq!(
+            both.verdict(),
+            "UNSTABLE: the largest eigenvalue with the mean gain is 1.0100"
         );
-    }
-
-    /// Discriminant of Ch. 7, Eq. (20): negative means that the sliding surface parameter is unique.
-    fn discriminant(model: &NominalModel, gains: &ObserverGains) -> f64 {
-        let (b, c, d) = (
-            model.a22() - model.b2() * gains.d,
-            model.b2() * gains.p,
-            -model.b2() * gains.i,
-        );
-        18.0 * b * c * d - 4.0 * b.powi(3) * d + b * b * c * c - 4.0 * c.powi(3) - 27.0 * d * d
-    }
-
-    #[test]
-    fn observer_of_chapter_7() {
-        let gains = ObserverGains::THESIS_SLIDING;
-        assert!((sliding_surface_parameter(&MODEL, &gains) - 502.82).abs() < 0.006);
-        assert!(discriminant(&MODEL, &gains) < 0.0);
-        // The thesis prints -38.8 +- 5.20e3 i and -429. The roots add up to -(B2 D_o + m_o) = -506.68, so the
-        // pair is at -38.79.
-        let found = observer_reachability(&MODEL, &gains);
-        close(
-            &found,
-            &[(-38.79, 5193.61), (-38.79, -5193.61), (-429.10, 0.0)],
-            0.006,
-        );
-        let sum: f64 = found.iter().map(|z| z.re).sum();
-        assert!((sum + MODEL.b2() * gains.d + 502.82).abs() < 0.006, "{sum}");
-    }
-
-    #[test]
-    fn responses_of_chapter_7() {
-        let response = |g: &ObserverGains, hz: f64| observer_response(&MODEL, g, TAU * hz).norm();
-        let estimation = ObserverGains::THESIS_ESTIMATION;
-        assert!((response(&estimation, 718.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-3);
-        assert!((1..700).all(|hz| response(&estimation, f64::from(hz)) < 1.01));
-        let loop_gains = ObserverGains::THESIS_PIDSMOC;
-        let peak = (1..1200)
-            .map(|hz| response(&loop_gains, f64::from(hz)))
-            .fold(0.0, f64::max);
-        assert!((peak - 1.86).abs() < 0.006, "{peak}");
-        assert!((response(&loop_gains, 1187.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 2e-3);
-        for (hz, nm) in [
-            (1.0, 0.41),
-            (10.0, 3.95),
-            (50.0, 12.3),
-            (100.0, 17.5),
-            (150.0, 22.8),
-            (300.0, 42.3),
-        ] {
-            let found = 1e3
-                * unknown_input_response(
-                    &MODEL,
-                    &loop_gains,
-                    &ControllerGains::THESIS_PIDSMOC,
-                    TAU * hz,
-                )
-                .norm();
-            assert!(
-                (found - nm).abs() < 0.006 * nm.max(1.0),
-                "{hz} Hz: {found} {nm}"
-            );
-        }
-    }
-
-    #[test]
-    fn the_thesis_gains_are_unstable_with_a_period_of_delay() {
-        let check = |delayed| {
-            sliding_mode(
-                &MODEL,
-                &Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC),
-                &ControllerGains::THESIS_PIDSMOC,
-                delayed,
-            )
-        };
-        assert!(check(false).stable);
-        assert!(!check(true).stable);
-        assert!(check(true).continuous.satisfied);
-    }
-
-    #[test]
-    fn a_filter_brings_no_pole_of_its_own_at_one() {
-        for filter in [
-            AlphaBeta::THESIS_CHAPTER_6,
-            AlphaBeta {
-                discrete: true,
-                ..AlphaBeta::THESIS_CHAPTER_6
-            },
-        ] {
-            let found = sliding_mode(
-                &MODEL,
-                &Estimator::AlphaBeta(filter),
-                &ControllerGains::THESIS_CHAPTER_6,
-                false,
-            );
-            assert!(found.stable, "{:?}", found.sampled_poles);
-        }
     }
 }

@@ -7,7 +7,6 @@
 //! times what the other effects make of that pole. Creep operators are not linear: beside other creep they
 //! are taken as they are, which neglects creep of creep, the square of a few per cent.
 
-use super::quantise::QuantisationError;
 use hysteron_core::creep_inverse::CREEP_TERMS;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{creep, creep_operators, creep_pole_pair, logarithmic_creep};
@@ -189,15 +188,6 @@ fn keep_apart(factors: &mut [Factor]) {
 #[must_use]
 pub fn static_share(terms: &[CreepTerm], pair: Option<&CreepPair>) -> f64 {
     terms.iter().map(|t| t.share).sum::<f64>() + pair.map_or(0.0, |p| p.share)
-}
-
-/// The error for more terms than the tick has.
-pub(super) fn too_many(terms: usize) -> QuantisationError {
-    QuantisationError {
-        what: "terms of creep".into(),
-        value: terms as f64,
-        limit: CREEP_TERMS as f64,
-    }
 }
 
 #[cfg(test)]

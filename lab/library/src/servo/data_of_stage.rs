@@ -7,9 +7,9 @@
 //! this stage has.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
-use super::predictor::frequency_response;
 use super::recording::ServoRecording;
 use super::robust::most_reckoned_with;
+use super::sampled_loop::frequency_response;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::counted_residual;
 use hysteron_sim::chain::Model;

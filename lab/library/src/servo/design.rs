@@ -1,20 +1,23 @@
 //! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains,
 //! and why.
 
+use super::assessment::Assessment;
 use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::gain_adaptation::AdaptationDesign;
+use super::law::PredictorDesign;
 use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel};
-use super::predictor::{
-    Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune,
-};
+use super::predictor::tune;
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
+use super::robust::ModeSpread;
+use super::sampled_loop::frequency_response;
 use super::sensor_lag;
 use super::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains,
     ReachingGains, SlidingModeLaw, regulator,
 };
+use super::tuning::{Demands, PredictorTuning};
 use super::window_fit;
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
@@ -95,6 +98,21 @@ pub enum Form {
     },
 }
 
+/// What every scheme for one order is designed for, but for the recording.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DesignBasis {
+    /// What is asked.
+    pub demands: Demands,
+    /// Spread of the first mode.
+    pub first: ModeSpread,
+    /// Spread of the second one, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second: Option<ModeSpread>,
+    /// Delay of the drive that the observer does not carry, s.
+    pub delay_s: f64,
+}
+
 /// A design: everything that is needed to make the integers of the tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ServoDesign {
@@ -106,6 +124,10 @@ pub struct ServoDesign {
     pub delayed: bool,
     /// Carries the DAC's rounding error on.
     pub noise_shaping: bool,
+    /// What was asked of it and how well its modes are known, so that another scheme can be designed for the
+    /// same; none in a file that is older or made by hand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub basis: Option<DesignBasis>,
     /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where
     /// nobody said it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -152,6 +174,7 @@ impl ServoDesign {
             explanation: Vec::new(),
             delayed,
             noise_shaping: false,
+            basis: None,
             sensor_noise_um: None,
             sensor_lag_s: None,
             scheme,
@@ -282,7 +305,7 @@ impl ServoDesign {
                     "feedforward-without-creep"
                 }
             }
-            Scheme::Feedforward { notch: None, .. } => "feedforward-pi",
+            Scheme::Feedforward { notch: None, .. } => "pid",
             Scheme::Feedforward { .. } => "feedforward-pi-notch",
             Scheme::DisturbanceObserver {
                 hysteresis_inverse: false,
@@ -382,7 +405,7 @@ impl ServoDesign {
                 let law = LawParameters::Predictor(
                     self.learning
                         .as_ref()
-                        .map_or(plain.clone(), |l| l.of(&plain))
+                        .map_or(plain.clone(), |l| l.fed_forward(&plain))
                         .quantised()?,
                 );
                 (inverse_or_gain(*hysteresis_inverse)?, law)

@@ -14,8 +14,11 @@
 //! at a take-over: to the disturbance observer that is one more constant disturbance, and the analysis here
 //! leaves it out.
 
+use super::assessment::{Assessment, best_of};
+use super::feedforward::feedforward;
+use super::law::{PredictorDesign, STATES};
 use super::model::LinearModel;
-use super::predictor::{Demands, PredictorDesign, STATES, TuningJudgement, best_of, feedforward};
+use super::tuning::Demands;
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -94,7 +97,7 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
 pub fn tune(
     linear: &LinearModel,
     demands: &Demands,
-) -> Option<(DisturbanceObserverGains, TuningJudgement)> {
+) -> Option<Assessment<DisturbanceObserverGains>> {
     let mut candidates = Vec::new();
     for i in 0..16 {
         for proportional in [0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6] {
@@ -104,12 +107,13 @@ pub fn tune(
             });
         }
     }
-    best_of(candidates, |gains| law(linear, gains), linear, demands)
+    best_of(&candidates, |gains| law(linear, gains), linear, demands)
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::model::ModeModel;
+    use super::super::sampled_loop::SampledLoop;
     use super::*;
 
     fn plant() -> LinearModel {
@@ -136,21 +140,18 @@ mod tests {
             },
         );
         let sampled = plant().sampled();
-        assert!(design.spectral_radius(&sampled, 1.0, 0) < 1.0);
-        let (unknown, _) = design.sensitivities(&sampled, 1e-3);
+        let closed = SampledLoop::new(&design, &sampled);
+        assert!(closed.is_stable());
+        let unknown = closed.disturbance_response(1e-3);
         assert!(unknown.norm() < 1e-5, "{unknown}");
-        let (unknown, _) = design.sensitivities(&sampled, 3000.0);
+        let unknown = closed.disturbance_response(3000.0);
         assert!(unknown.norm() > 0.1);
     }
 
     #[test]
     fn a_tuned_one_keeps_its_margins_and_fits_the_tick() {
-        let (gains, judgement) = tune(&plant(), &Demands::default()).unwrap();
-        assert!(
-            judgement.accepted
-                && judgement.margins.gain_plus_half < 1.0
-                && judgement.margins.delay < 1.0
-        );
-        law(&plant(), &gains).quantised().unwrap();
+        let found = tune(&plant(), &Demands::default()).unwrap();
+        assert!(found.accepted && found.margins.gain_plus_half < 1.0 && found.margins.delay < 1.0);
+        law(&plant(), &found.tuning).quantised().unwrap();
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! # Why
 //! Eigenvalues tell of a free drive, and the first harmonic of a limit
-//! ([`PredictorDesign::at_a_limit`](super::predictor::PredictorDesign::at_a_limit)) of a swinging that is
+//! ([`PredictorDesign::at_a_limit`](super::law::PredictorDesign::at_a_limit)) of a swinging that is
 //! there already. Whether a servo gets from its beginning to rest or into that swinging depends on how hard
 //! its own noise and the way up push it beyond the limit, and on the hysteresis that it turns back in;
 //! neither knows of these, so it is run. With the linear part of the model alone, in f64, gains came out as
@@ -11,8 +11,8 @@
 
 use super::design::ServoDesign;
 use super::plant_set::PlantVariation;
-use super::reference::Reference;
-use super::track::{Circumstances, PeriodicReference, ReferenceShape, track};
+use super::reference::{PeriodicReference, Reference, ReferenceShape};
+use super::track::{Circumstances, track};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{
@@ -135,8 +135,8 @@ impl Beginning<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::known::known_delay_s;
     use crate::servo::model::actuator_model;
-    use crate::servo::order::known_delay_s;
 
     #[test]
     fn a_varied_chain_is_the_varied_plant() {

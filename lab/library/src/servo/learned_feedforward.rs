@@ -19,11 +19,12 @@
 //!
 //! All are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
 
+use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel, is_usual_period, usual_period_s};
 use super::plant_set::PlantVariation;
-use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
-use super::robust::{LEAST_DAMPING_SPREAD, ModeSpread, Task, frequency_grid_hz, law_response};
+use super::robust::{LEAST_DAMPING_SPREAD, ModeSpread, Task};
+use super::sampled_loop::{FrequencyGrid, frequency_response, law_response, reference_response};
 use hysteron_core::learned_feedforward::{
     LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, POINT_FRACTION_BITS,
     ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
@@ -219,7 +220,7 @@ fn plants(task: &Task<'_>) -> Vec<(f64, LinearModel)> {
 
 /// Frequencies at which learning is looked at, Hz: those of the loop, and the peaks of all plants.
 fn grid_hz(task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<f64> {
-    let mut grid = frequency_grid_hz(&task.linear);
+    let mut grid = FrequencyGrid::about_modes(&task.linear).hz;
     let highest_hz = grid.last().copied().unwrap_or(0.0);
     for (_, linear) in plants {
         for mode in
@@ -314,13 +315,7 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
         .into_iter()
         .filter(|(gain, _)| *gain == 1.0)
         .collect();
-    let sampled = |linear: &LinearModel| {
-        PlantVariation {
-            delay_s: task.delay_s,
-            ..PlantVariation::NONE
-        }
-        .sampled(linear)
-    };
+    let sampled = |linear: &LinearModel| PlantVariation::with_delay_s(task.delay_s).sampled(linear);
     let set: Vec<_> = plants.iter().map(|(_, linear)| sampled(linear)).collect();
     let nominal = sampled(&task.linear);
     let before = (WINDOW - PREVIEW_TICKS) as f64;
@@ -626,7 +621,7 @@ impl LearningDesign {
 
     /// A law with the feedforward that its corrections are learned with.
     #[must_use]
-    pub fn of(&self, law: &PredictorDesign) -> PredictorDesign {
+    pub fn fed_forward(&self, law: &PredictorDesign) -> PredictorDesign {
         with_feedforward(law, &self.feedforward)
     }
 
@@ -664,14 +659,15 @@ impl LearningDesign {
             ..PlantVariation::NONE
         }
         .sampled(linear);
-        let law = &self.of(law);
+        let law = &self.fed_forward(law);
         let at = |hz: f64| {
             let t = from_correction(law, frequency_response(&plant, TAU * hz), hz);
             let left = Complex::new(1.0, 0.0)
                 - response(&self.learning, LEARNING_BEFORE, self.period_s, hz) * t;
             (left * response(&self.robustness, ROBUSTNESS_BEFORE, self.period_s, hz)).norm()
         };
-        let all = frequency_grid_hz(linear).into_iter().map(|hz| (at(hz), hz));
+        let grid = FrequencyGrid::about_modes(linear);
+        let all = grid.hz.into_iter().map(|hz| (at(hz), hz));
         all.max_by(|a, b| a.0.total_cmp(&b.0))
             .unwrap_or((f64::NAN, 0.0))
     }
@@ -740,8 +736,8 @@ impl LearningDesign {
 #[cfg(test)]
 mod tests {
     use super::super::model::{SAMPLING_PERIOD_S, SampledModel};
-    use super::super::predictor::{Demands, PredictorTuning};
     use super::super::recording::ServoRecording;
+    use super::super::tuning::{Demands, PredictorTuning};
     use super::*;
 
     fn linear() -> LinearModel {
@@ -819,11 +815,7 @@ mod tests {
     fn the_answer_to_a_correction_is_that_of_the_loop_in_time() {
         let law = law();
         for gain in [1.0, 0.85] {
-            let plant = PlantVariation {
-                gain,
-                ..PlantVariation::NONE
-            }
-            .sampled(&linear());
+            let plant = PlantVariation::with_gain(gain).sampled(&linear());
             let motion = after_one_corrected_sample(&law, &plant, 40, 6000);
             for hz in [3.0, 100.0, 700.0, 2500.0, 3979.0, 8000.0] {
                 let step = TAU * hz * SAMPLING_PERIOD_S;
@@ -886,7 +878,7 @@ mod tests {
             12.0,
         )
         .unwrap();
-        let wide = design.of(&plain);
+        let wide = design.fed_forward(&plain);
         let plant = PlantVariation::NONE.sampled(&LinearModel {
             second_mode: None,
             ..linear()
@@ -916,7 +908,7 @@ mod tests {
                 feedforward: Vec::new(),
                 ..design
             }
-            .of(&law)
+            .fed_forward(&law)
             .feedforward,
             law.feedforward
         );
@@ -1016,7 +1008,7 @@ mod tests {
     #[test]
     fn a_mode_that_nobody_knows_of_neither_diverges_nor_makes_an_error_much_larger() {
         let design = LearningDesign::new(&law(), &task(), 12.0).unwrap();
-        let law = design.of(&law());
+        let law = design.fed_forward(&law());
         let one = Complex::new(1.0, 0.0);
         let (mut most_kept, mut most_left) = (0.0_f64, 0.0_f64);
         for mode_hz in [

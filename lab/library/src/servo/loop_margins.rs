@@ -12,15 +12,14 @@
 //! loop ([`super::from_rest`]).
 
 use super::from_rest::Beginning;
+use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::ReferenceBand;
 use super::plant_set::PlantVariation;
-use super::predictor::{PredictorDesign, frequency_response};
 use super::recording::ServoRecording;
-use super::robust::{decibels, frequency_grid_hz, law_response};
-use nalgebra::Complex;
+use super::sampled_loop::{FrequencyGrid, ResponsePoint, SampledLoop, decibels};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Damping ratio of the unknown mode whose share is sought.
 pub const UNKNOWN_DAMPING: f64 = 0.02;
@@ -86,6 +85,17 @@ pub struct LoopPoint {
     pub sensitivity: f64,
     /// Magnitude of the complementary sensitivity: what noise makes of the motion.
     pub complementary: f64,
+}
+
+impl From<&ResponsePoint> for LoopPoint {
+    fn from(point: &ResponsePoint) -> Self {
+        Self {
+            hz: point.hz,
+            open: [point.open.re, point.open.im],
+            sensitivity: point.sensitivity.norm(),
+            complementary: point.transmission.norm(),
+        }
+    }
 }
 
 /// What a loop is worth on an actuator.
@@ -157,8 +167,11 @@ impl Loop<'_> {
     /// Whether it is stable with each of these laws.
     fn stable(&self, laws: &[PredictorDesign], variation: &PlantVariation) -> bool {
         let plant = self.plant(variation);
-        laws.iter()
-            .all(|law| law.spectral_radius(&plant, self.gain_ratio[1], 0) < 1.0)
+        laws.iter().all(|law| {
+            SampledLoop::new(law, &plant)
+                .with_gain(self.gain_ratio[1])
+                .is_stable()
+        })
     }
 
     /// Between a stable and an unstable value the value where it turns, by halving the interval's ratio.
@@ -216,28 +229,18 @@ impl Loop<'_> {
                 .map(move |i| factor.powi(i))
                 .take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR)
         };
-        let gain = |gain: f64| PlantVariation {
-            gain,
-            ..PlantVariation::NONE
-        };
-        let mass = |mass_ratio: f64| PlantVariation {
-            mass_ratio,
-            ..PlantVariation::NONE
-        };
-        let delay = |delay_s: f64| PlantVariation {
-            delay_s,
-            ..PlantVariation::NONE
-        };
+        let (up, down) = (|| steps(1.05), || steps(1.0 / 1.05));
+        let period_s = self.linear.period_s;
         let delays = (1..)
             .map(|i| 0.1 * f64::from(i))
             .take_while(|d| *d <= longest_delay)
-            .map(|d| d * self.linear.period_s);
+            .map(|d| d * period_s);
         FirstUnstable {
-            gain_up: self.first(laws, 1.0, steps(1.05), &gain),
-            gain_down: self.first(laws, 1.0, steps(1.0 / 1.05), &gain),
-            mass_up: self.first(laws, 1.0, steps(1.05), &mass),
-            mass_down: self.first(laws, 1.0, steps(1.0 / 1.05), &mass),
-            delay_s: self.first(laws, 1e-3 * self.linear.period_s, delays, &delay),
+            gain_up: self.first(laws, 1.0, up(), &PlantVariation::with_gain),
+            gain_down: self.first(laws, 1.0, down(), &PlantVariation::with_gain),
+            mass_up: self.first(laws, 1.0, up(), &PlantVariation::with_mass_ratio),
+            mass_down: self.first(laws, 1.0, down(), &PlantVariation::with_mass_ratio),
+            delay_s: self.first(laws, 1e-3 * period_s, delays, &PlantVariation::with_delay_s),
             mode: mode(),
         }
     }
@@ -298,34 +301,16 @@ impl Loop<'_> {
         worst
     }
 
-    fn response(&self) -> Vec<LoopPoint> {
-        let plant = self.plant(&PlantVariation::NONE);
-        let one = Complex::new(1.0, 0.0);
-        frequency_grid_hz(self.linear)
-            .into_iter()
-            .map(|hz| {
-                let open = frequency_response(&plant, TAU * hz)
-                    * law_response(self.law, hz)
-                    * self.gain_ratio[1];
-                let s = one / (one + open);
-                LoopPoint {
-                    hz,
-                    open: [open.re, open.im],
-                    sensitivity: s.norm(),
-                    complementary: (open * s).norm(),
-                }
-            })
-            .collect()
-    }
-
     /// Judges the loop.
     #[must_use]
     pub fn judged(&self) -> LoopMargins {
-        let spectral_radius = self.gain_ratio.map(|ratio| {
-            self.law
-                .spectral_radius(&self.plant(&PlantVariation::NONE), ratio, 0)
-        });
-        let response = self.response();
+        let plant = self.plant(&PlantVariation::NONE);
+        let with_gain = |ratio: f64| SampledLoop::new(self.law, &plant).with_gain(ratio);
+        let spectral_radius = self
+            .gain_ratio
+            .map(|ratio| with_gain(ratio).spectral_radius());
+        let response =
+            with_gain(self.gain_ratio[1]).response(&FrequencyGrid::about_modes(self.linear));
         let free = [self.law.clone()];
         let first_unstable = self.first_unstable(&free, LONGEST_DELAY, || self.worst_mode(&free));
         let shares = std::iter::successors(Some(1.0), |share| Some(NEXT_SHARE * share))
@@ -341,17 +326,7 @@ impl Loop<'_> {
         let first_from_rest = self
             .beginning
             .map(|beginning| first_from_rest(&beginning, &first_unstable, &first_swinging));
-        let peak = response
-            .iter()
-            .copied()
-            .max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
-        let mut noise_power = 0.0;
-        let mut last_hz = 0.0;
-        for point in &response {
-            noise_power +=
-                point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * self.linear.period_s;
-            last_hz = point.hz;
-        }
+        let (sensitivity_peak, sensitivity_peak_hz) = response.sensitivity_peak();
         LoopMargins {
             gain_ratio: self.gain_ratio,
             spectral_radius,
@@ -362,32 +337,19 @@ impl Loop<'_> {
                 self.linear.period_s,
             ),
             gain_margin: first_unstable.gain_up,
-            phase_margin_deg: phase_margin_deg(
-                &response
-                    .iter()
-                    .map(|p| Complex::new(p.open[0], p.open[1]))
-                    .collect::<Vec<_>>(),
-            ),
-            bandwidth_hz: response
-                .iter()
-                .find(|p| p.sensitivity > 0.5f64.sqrt())
-                .map(|p| p.hz),
+            phase_margin_deg: response.phase_margin_deg(),
+            bandwidth_hz: response.bandwidth_hz(),
             reference_bandwidth_hz: (!self.law.feedforward.is_empty()).then(|| {
-                ReferenceBand::of(
-                    self.law,
-                    &self.plant(&PlantVariation::NONE),
-                    self.gain_ratio[1],
-                )
-                .bandwidth_hz
+                ReferenceBand::followed(self.law, &plant, self.gain_ratio[1]).bandwidth_hz
             }),
-            sensitivity_peak: peak.map_or(f64::NAN, |p| p.sensitivity),
-            sensitivity_peak_hz: peak.map_or(f64::NAN, |p| p.hz),
-            noise_transmission: noise_power.sqrt(),
+            sensitivity_peak,
+            sensitivity_peak_hz,
+            noise_transmission: response.noise_transmission(),
             first_unstable,
             first_swinging,
             first_from_rest,
             with_recording: self.recording.is_some(),
-            response,
+            response: response.points.iter().map(LoopPoint::from).collect(),
         }
     }
 }
@@ -427,55 +389,23 @@ fn first_from_rest(
         }
         free
     };
+    let (gain, mass) = (&PlantVariation::with_gain, &PlantVariation::with_mass_ratio);
     FirstUnstable {
-        gain_up: find(free.gain_up, limited.gain_up, &|gain| PlantVariation {
-            gain,
-            ..PlantVariation::NONE
-        }),
-        gain_down: find(free.gain_down, limited.gain_down, &|gain| PlantVariation {
-            gain,
-            ..PlantVariation::NONE
-        }),
-        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| {
-            PlantVariation {
-                mass_ratio,
-                ..PlantVariation::NONE
-            }
-        }),
-        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| {
-            PlantVariation {
-                mass_ratio,
-                ..PlantVariation::NONE
-            }
-        }),
-        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| PlantVariation {
-            delay_s,
-            ..PlantVariation::NONE
-        }),
+        gain_up: find(free.gain_up, limited.gain_up, gain),
+        gain_down: find(free.gain_down, limited.gain_down, gain),
+        mass_up: find(free.mass_up, limited.mass_up, mass),
+        mass_down: find(free.mass_down, limited.mass_down, mass),
+        delay_s: find(free.delay_s, limited.delay_s, &PlantVariation::with_delay_s),
         mode: free.mode,
     }
-}
-
-/// Phase to -180 degrees at the crossings of gain 1; the least.
-pub(super) fn phase_margin_deg(open: &[Complex<f64>]) -> Option<f64> {
-    let crossings = open.windows(2).filter_map(|pair| {
-        let (a, b) = (pair[0], pair[1]);
-        let crosses = (a.norm() - 1.0) * (b.norm() - 1.0) <= 0.0 && a.norm() != b.norm();
-        crosses.then(|| {
-            // The distance of the phase from -180 degrees, whichever way round.
-            let share = (1.0 - a.norm()) / (b.norm() - a.norm());
-            let at = a + (b - a) * share;
-            (PI - at.arg().abs()).to_degrees()
-        })
-    });
-    crossings.min_by(f64::total_cmp)
 }
 
 /// Below this share two first values are the same.
 pub(super) const NO_DIFFERENCE: f64 = 0.01;
 
 /// Whether two first values are not the same.
-pub(super) fn differ(a: f64, b: f64) -> bool {
+#[must_use]
+pub fn differ(a: f64, b: f64) -> bool {
     (a / b).ln().abs() > NO_DIFFERENCE
 }
 
@@ -517,7 +447,8 @@ fn worst_case(
 /// A first unstable value with so many digits, rounded away from what is stable: with the number that is read
 /// it *is* unstable. A servo that holds with twice the mass is not told to be unstable with "2.00 times" of
 /// it.
-pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
+#[must_use]
+pub fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
     let scale = 10f64.powi(digits as i32);
     // A number that is as short as that already stays.
     let scaled = value * scale;

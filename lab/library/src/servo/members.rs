@@ -6,7 +6,7 @@
 
 use super::chain_plant::HysteresisChange;
 use super::design::ServoDesign;
-use super::order::UNCONFIRMED;
+use super::known::UNCONFIRMED;
 use super::quantise::QuantisationError;
 use super::reference::Reference;
 use super::robust::{GAIN_SPREAD, ModeSpread};
@@ -49,7 +49,7 @@ pub struct OnMember {
 }
 
 impl OnMember {
-    fn of(plant: String, found: &TrackResult) -> Self {
+    fn found(plant: String, found: &TrackResult) -> Self {
         Self {
             plant,
             truth: found.truth,
@@ -137,7 +137,7 @@ fn spread(chain: &Model, effect: &str, frequency: usize) -> ModeSpread {
             })
             .unwrap_or(0.0)
     };
-    let known = ModeSpread::of(relative(frequency), relative(frequency + 1));
+    let known = ModeSpread::from_deviations(relative(frequency), relative(frequency + 1));
     ModeSpread {
         frequency: known.frequency.max(UNCONFIRMED.frequency),
         damping: known.damping.max(UNCONFIRMED.damping),
@@ -241,11 +241,11 @@ pub fn band(
             "",
             circumstances,
         )?;
-        Ok(OnMember::of(member.name.clone(), &found))
+        Ok(OnMember::found(member.name.clone(), &found))
     };
     let others: Result<Vec<OnMember>, QuantisationError> =
         parallel::map(&members(chain), run).into_iter().collect();
-    let mut members = vec![OnMember::of("the model itself".to_owned(), nominal)];
+    let mut members = vec![OnMember::found("the model itself".to_owned(), nominal)];
     members.extend(others?);
     Ok(PlantBand {
         members,

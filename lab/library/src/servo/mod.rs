@@ -23,6 +23,10 @@
 #[doc(hidden)]
 pub mod amplifier_block;
 #[doc(hidden)]
+pub mod assessment;
+#[doc(hidden)]
+pub mod candidate;
+#[doc(hidden)]
 pub mod chain_plant;
 #[doc(hidden)]
 pub mod check;
@@ -39,9 +43,17 @@ pub mod disturbance;
 #[doc(hidden)]
 pub mod disturbance_observer;
 #[doc(hidden)]
+pub mod explanation;
+#[doc(hidden)]
+pub mod feedforward;
+#[doc(hidden)]
 pub mod from_rest;
 #[doc(hidden)]
 pub mod gain_adaptation;
+#[doc(hidden)]
+pub mod known;
+#[doc(hidden)]
+pub mod law;
 #[doc(hidden)]
 pub mod learned_feedforward;
 #[doc(hidden)]
@@ -52,6 +64,8 @@ pub mod members;
 pub mod model;
 #[doc(hidden)]
 pub mod moving_mode;
+#[doc(hidden)]
+pub mod named_scheme;
 #[doc(hidden)]
 pub mod order;
 #[doc(hidden)]
@@ -69,25 +83,34 @@ pub mod regulator_loop;
 #[doc(hidden)]
 pub mod robust;
 #[doc(hidden)]
+pub mod sampled_loop;
+#[doc(hidden)]
 pub mod schemes;
 #[doc(hidden)]
 pub mod sensor_lag;
 #[doc(hidden)]
 pub mod sliding_mode;
 #[doc(hidden)]
+pub mod thesis_conditions;
+#[doc(hidden)]
 pub mod thesis_schemes;
 #[doc(hidden)]
 pub mod track;
+#[doc(hidden)]
+pub mod tuning;
 #[doc(hidden)]
 mod value_ranges;
 #[doc(hidden)]
 pub mod window_fit;
 #[doc(hidden)]
-pub mod words;
+pub mod work;
 
-pub use commands::{CheckResult, Work, check, design, follow, with_scheme};
+pub use check::{CheckResult, check};
+pub use commands::design;
 pub use design::{Scheme, ServoDesign};
+pub use named_scheme::with_scheme;
 pub use order::DesignOrder;
-pub use predictor::Demands;
 pub use reference::Reference;
 pub use track::TrackResult;
+pub use tuning::Demands;
+pub use work::{Work, follow};

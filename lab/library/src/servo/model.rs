@@ -3,7 +3,6 @@
 
 pub use super::creep::CreepTerm;
 use super::creep::{self, CreepPair};
-use super::quantise;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
@@ -251,33 +250,9 @@ impl ActuatorModel {
         out
     }
 
-    /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch.
-    /// 4, Eq. 15), and the largest difference of the surfaces that this makes, um. Least squares on a grid; a
-    /// model that fits the tick stays as it is. Coefficients that are large only because they cancel are kept
-    /// small by a weight on them, as little as makes them fit.
-    #[must_use]
-    pub fn for_the_tick(&self) -> (Self, f64) {
-        if quantise::hysteresis(self).is_ok() {
-            return (self.clone(), 0.0);
-        }
-        let mut fitted = (self.clone(), f64::INFINITY);
-        for weight in [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
-            fitted = self.with_surfaces_of(
-                hysteron_core::one_sided_hysteresis::SURFACE_SIZE - 1,
-                weight,
-                |_, _| 0.0,
-                |_| 0.0,
-            );
-            if quantise::hysteresis(&fitted.0).is_ok() {
-                break;
-            }
-        }
-        fitted
-    }
-
     /// Surfaces of a degree, fitted to these and what is added to them, and the largest difference that
     /// remains, um.
-    fn with_surfaces_of(
+    pub(super) fn with_surfaces_of(
         &self,
         degree: usize,
         weight: f64,

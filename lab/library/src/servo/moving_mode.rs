@@ -9,10 +9,10 @@
 //! mode that moves comes from feedforward and from gain about the mode together. [`MovingMode::deviation`] is
 //! what the choice of a tuning weighs.
 
+use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel, SampledModel};
 use super::plant_set::PlantVariation;
-use super::predictor::{PredictorDesign, frequency_response, reference_response};
-use super::robust::law_response;
+use super::sampled_loop::{LawResponse, frequency_response, reference_response};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -59,8 +59,8 @@ pub struct ReferenceBand {
 impl ReferenceBand {
     /// Of a law on an actuator, its input multiplied by `gain`.
     #[must_use]
-    pub fn of(law: &PredictorDesign, plant: &SampledModel, gain: f64) -> Self {
-        let highest_hz = 0.5 / plant.period_s;
+    pub fn followed(law: &PredictorDesign, plant: &SampledModel, gain: f64) -> Self {
+        let (highest_hz, answer) = (0.5 / plant.period_s, LawResponse::new(law));
         let mut out = Self {
             bandwidth_hz: highest_hz,
             peak: 1.0,
@@ -69,8 +69,7 @@ impl ReferenceBand {
             let hz = STEP_HZ * f64::from(i);
             let plant = frequency_response(plant, TAU * hz) * gain;
             let magnitude =
-                reference_response(plant, law.feedforward_response(hz), law_response(law, hz))
-                    .norm();
+                reference_response(plant, law.feedforward_response(hz), answer.at(hz)).norm();
             if magnitude < HALF_POWER {
                 return Self {
                     bandwidth_hz: hz,
@@ -111,11 +110,7 @@ impl MovingMode {
         let at = |place: i32| {
             let moved =
                 with_first_mode_at(linear, 1.0 + share * f64::from(place) / f64::from(PLACES));
-            let plant = PlantVariation {
-                delay_s,
-                ..PlantVariation::NONE
-            }
-            .sampled(&moved);
+            let plant = PlantVariation::with_delay_s(delay_s).sampled(&moved);
             frequencies
                 .iter()
                 .map(|(hz, _)| frequency_response(&plant, TAU * hz))
@@ -154,8 +149,9 @@ impl MovingMode {
 #[cfg(test)]
 mod tests {
     use super::super::model::SAMPLING_PERIOD_S;
-    use super::super::predictor::{Demands, PredictorTuning};
     use super::super::robust::{ModeSpread, Task};
+    use super::super::sampled_loop::{SampledLoop, law_response};
+    use super::super::tuning::{Demands, PredictorTuning};
     use super::*;
 
     fn light() -> LinearModel {
@@ -261,9 +257,9 @@ mod tests {
         );
         for factor in [0.8, 0.87, 1.0, 1.13, 1.2] {
             let plant = with_first_mode_at(&light(), factor).sampled();
-            assert!(moving.spectral_radius(&plant, 1.0, 0) < 1.0, "{factor}");
+            assert!(SampledLoop::new(&moving, &plant).is_stable(), "{factor}");
         }
-        let band = ReferenceBand::of(&moving, &light().sampled(), 1.0);
+        let band = ReferenceBand::followed(&moving, &light().sampled(), 1.0);
         assert!(
             band.bandwidth_hz > FOLLOWED_TO * 739.0 && band.peak < 1.1,
             "{band:?}"

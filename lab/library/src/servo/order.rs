@@ -2,34 +2,33 @@
 //! cannot be answered for.
 
 use super::amplifier_block::FrontEnd;
-use super::data_of_stage::{
-    LARGE_RESIDUAL, first_mode_shown, how_to_exclude, require_described, require_same_stage,
-};
-use super::design::{Scheme, ServoDesign, undominated};
+use super::assessment::Assessment;
+use super::candidate::{Candidate, Scan};
+use super::data_of_stage::require_same_stage;
+use super::design::{DesignBasis, Scheme, ServoDesign, undominated};
+use super::explanation::{ScanWords, shortcomings, where_the_mode_moves};
+use super::feedforward::{feedforward, missed_of_reference};
 use super::gain_adaptation::AdaptationDesign;
-use super::learned_feedforward::{self, LearningDesign};
-use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, required_model};
-use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
-use super::plant_set::PlantVariation;
-use super::predictor::{Assessment, Demands, PredictorDesign, feedforward, missed_of_reference};
-use super::quantise::QuantisationError;
-use super::recording::ServoRecording;
-use super::robust::{
-    Broken, Candidate, ModeSpread, Scan, Task, USUAL_GAIN_MARGIN_DB, USUAL_PEAK,
-    USUAL_PHASE_MARGIN_DEG, decibels, within_nyquist,
+use super::known::{
+    ASSUMED_NOISE_UM, Known, UNCONFIRMED, hertz, known, known_delay_s, require_known_in_a_loop,
 };
-use super::schemes::{self, InWords, SchemeChoice, left_without_inverse_um};
+use super::law::PredictorDesign;
+use super::learned_feedforward::{self, LearningDesign};
+use super::model::{ActuatorModel, SAMPLING_PERIOD_S, required_model};
+use super::moving_mode::FARTHEST;
+use super::quantise::QuantisationError;
+use super::robust::{Task, within_nyquist};
+use super::schemes::{self, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
+use super::tuning::Demands;
 use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
-    Place, amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators,
-    second_mode, sensor_bandwidth, vibration,
+    amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators, second_mode,
+    sensor_bandwidth, vibration,
 };
-use serde::Serialize;
-use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 /// What a design is ordered with.
 #[derive(Clone, Copy)]
@@ -63,10 +62,6 @@ pub struct DesignOrder<'a> {
     /// True: the hysteresis is inverted behind the law; false: it is left to the unknown input.
     pub inverse: bool,
 }
-
-/// Noise of a sensor of which nothing is known, um RMS.
-pub const ASSUMED_NOISE_UM: f64 = 0.001;
-
 impl Default for DesignOrder<'_> {
     fn default() -> Self {
         let Demands {
@@ -92,106 +87,8 @@ impl Default for DesignOrder<'_> {
     }
 }
 
-/// A second mode enters the observer only if its frequency is known to this share (one standard deviation)
-/// ...
-const FREQUENCY_KNOWN: f64 = 0.02;
-/// ... its damping ratio to this one ...
-const DAMPING_KNOWN: f64 = 0.3;
-/// ... and the recording could not hide this share of its peak.
-const PEAK_SHOWN: f64 = 0.5;
-/// Where its resonance stays out of the observer, its share of the motion stays in if that is known to this
-/// one, ...
-const SHARE_KNOWN: f64 = 0.3;
-/// ... at its frequency, but at most at this share of half the sampling rate.
-const HIGHEST_COMPLIANCE: f64 = 0.8;
-/// Spread of a first mode that no recording stands behind: frequency and damping ratio, relative.
-pub(super) const UNCONFIRMED: ModeSpread = ModeSpread {
-    frequency: 0.05,
-    damping: 0.4,
-};
-/// Another drive is worth recommending where it lets the expected error fall below this share.
-const WORTH_RECORDING: f64 = 0.8;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
 const PROJECTION_ALLOWED: f64 = 0.005;
-
-/// Relative standard deviation of a value; infinite where it has none.
-fn relative_std(chain: &Model, effect: &str, parameter: usize) -> f64 {
-    chain
-        .effect(effect)
-        .and_then(|e| e.parameters.get(parameter))
-        .map_or(f64::INFINITY, |p| match p.std {
-            Some(std) if p.value != 0.0 => (std / p.value).abs(),
-            // A fixed value is the user's word.
-            _ if p.parameter.fixed => 0.0,
-            _ => f64::INFINITY,
-        })
-}
-
-fn hertz(mode: &ModeModel) -> f64 {
-    mode.natural_frequency_rad_s / TAU
-}
-
-/// The transport delay of a chain, s: the loop is judged with it although the observer does not carry it.
-#[must_use]
-pub fn known_delay_s(chain: &Model) -> f64 {
-    chain
-        .values(delay::ID)
-        .and_then(|v| v.first().copied())
-        .unwrap_or(0.0)
-}
-
-/// The chain with another second mode, or without one.
-fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
-    let mut out = chain.clone();
-    match second {
-        None => out.effects.retain(|e| e.id != second_mode::ID),
-        Some((share, mode)) => {
-            for effect in out.effects.iter_mut().filter(|e| e.id == second_mode::ID) {
-                for (p, value) in effect.parameters.iter_mut().zip([
-                    share,
-                    mode.natural_frequency_rad_s,
-                    mode.damping_ratio,
-                ]) {
-                    p.value = value;
-                }
-            }
-        }
-    }
-    out
-}
-
-/// What is left of a second mode whose resonance is no fact: its compliance, which the drive does show below
-/// it. Without that the model would move too late by the share of the motion that does not go through the
-/// first mode.
-fn without_resonance((share, mode): (f64, ModeModel), period_s: f64) -> (f64, ModeModel) {
-    let highest = HIGHEST_COMPLIANCE * PI / period_s;
-    let natural_frequency_rad_s = mode.natural_frequency_rad_s.min(highest);
-    (
-        share,
-        ModeModel {
-            natural_frequency_rad_s,
-            damping_ratio: mode.damping_ratio.max(FRAC_1_SQRT_2),
-        },
-    )
-}
-
-/// Every effect of a chain is known in a loop: none takes part of what was recorded.
-///
-/// # Errors
-/// The effect that does.
-pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
-    match chain
-        .effects
-        .iter()
-        .find(|e| e.effect.declaration().follows_record)
-    {
-        Some(own) => Err(format!(
-            "{} takes part of what was recorded (the drive, or an auxiliary signal), which no loop knows beforehand; fit a model without it",
-            own.id
-        )),
-        None => Ok(()),
-    }
-}
 
 /// Whether references of a loop with this sampling period, s, can have so high a frequency, Hz, whatever the
 /// actuator.
@@ -373,184 +270,6 @@ fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<Converte
     Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
 }
 
-/// What the observer may know: the model with or without its second mode, the spreads of both, and the
-/// recording seen with that model.
-struct Known {
-    model: ActuatorModel,
-    first: ModeSpread,
-    second: Option<ModeSpread>,
-    recording: Option<ServoRecording>,
-}
-
-fn known(
-    chain: &Model,
-    model: ActuatorModel,
-    order: &DesignOrder<'_>,
-    said: &mut Vec<String>,
-) -> Result<Known, String> {
-    let first_std = [
-        relative_std(chain, vibration::ID, 0),
-        relative_std(chain, vibration::ID, 1),
-    ];
-    let dropped = |mut model: ActuatorModel| {
-        model.linear.second_mode = None;
-        model
-    };
-    let Some(dataset) = order.recording else {
-        let confirmed = ModeSpread::of(first_std[0].min(0.1), first_std[1].min(0.2));
-        let first = ModeSpread {
-            frequency: confirmed.frequency.max(UNCONFIRMED.frequency),
-            damping: confirmed.damping.max(UNCONFIRMED.damping),
-        };
-        said.push("No recording stands behind the model here (--data), so an unknown mode is reckoned with at every frequency from the first mode on.".into());
-        if model.linear.second_mode.is_some() {
-            said.push("The model's second mode stays out of the observer: without the recording nothing says that it is a fact.".into());
-        }
-        return Ok(Known {
-            model: dropped(model),
-            first,
-            second: None,
-            recording: None,
-        });
-    };
-    let first = ModeSpread::of(first_std[0], first_std[1]);
-    let with = ServoRecording::of(chain, dataset, model.linear.period_s);
-    first_mode_shown(&with, &model.linear.first_mode)?;
-    require_described(&with, &model.linear)?;
-    let Some((share, mode)) = model.linear.second_mode else {
-        return Ok(Known {
-            model,
-            first,
-            second: None,
-            recording: Some(with),
-        });
-    };
-    let std = [
-        relative_std(chain, second_mode::ID, 1),
-        relative_std(chain, second_mode::ID, 2),
-    ];
-    let peak = (share / (2.0 * mode.damping_ratio)).abs();
-    let hidden = with.blind_at(hertz(&mode)).unwrap_or(f64::INFINITY);
-    let why_not = if !within_nyquist(&mode, model.linear.period_s) {
-        Some("it is beyond half the sampling rate".to_owned())
-    } else if hidden > PEAK_SHOWN * peak {
-        Some(format!(
-            "the recording could hide a response of {hidden:.3} um/um there, and its peak is {peak:.3}"
-        ))
-    } else if std[0] > FREQUENCY_KNOWN || std[1] > DAMPING_KNOWN {
-        Some(format!(
-            "its frequency is known to {:.1} %, its damping ratio to {:.0} %",
-            100.0 * std[0],
-            100.0 * std[1]
-        ))
-    } else {
-        None
-    };
-    match why_not {
-        None => {
-            said.push(format!(
-                "The observer carries the second mode at {:.0} Hz, which the recording shows.",
-                hertz(&mode)
-            ));
-            Ok(Known {
-                model,
-                first,
-                second: Some(ModeSpread::of(std[0], std[1])),
-                recording: Some(with),
-            })
-        }
-        Some(why) => {
-            let kept = (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN)
-                .then(|| without_resonance((share, mode), model.linear.period_s));
-            let of_it = if kept.is_some() {
-                ", but for its share of the motion"
-            } else {
-                ""
-            };
-            said.push(format!(
-                "The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.",
-                hertz(&mode)
-            ));
-            // The resonance that is left out is part of what is missing; how good the model is is judged with
-            // it.
-            let recording = ServoRecording {
-                residual_um: with.residual_um,
-                ..ServoRecording::of(
-                    &with_second_mode(chain, kept),
-                    dataset,
-                    model.linear.period_s,
-                )
-            };
-            let mut model = model;
-            model.linear.second_mode = kept;
-            Ok(Known {
-                model,
-                first,
-                second: None,
-                recording: Some(recording),
-            })
-        }
-    }
-}
-
-/// What the model is not, said aloud.
-fn shortcomings(chain: &Model, recording: Option<&ServoRecording>, said: &mut Vec<String>) {
-    if chain
-        .effects
-        .iter()
-        .all(|e| e.effect.declaration().place != Place::Creep)
-    {
-        said.push(
-            "CAUTION: the model has no creep: slow errors are left to the integral action.".into(),
-        );
-    }
-    if let Some((recording, noise_um)) = recording.and_then(|r| Some((r, r.noise_um?)))
-        && recording.residual_um > LARGE_RESIDUAL * noise_um
-    {
-        said.push(format!(
-            "CAUTION: the model leaves {:.1} nm where the sensor's noise is {:.1} nm: something is missing in it, so that standard deviations are too small, or --data is of another stage.",
-            1e3 * recording.residual_um,
-            1e3 * noise_um
-        ));
-    }
-}
-
-/// Why no candidate is left.
-fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
-    let in_words = |(broken, times): &(Broken, f64)| {
-        match broken {
-        Broken::Member(name) => format!("with {name} none of the tunings is stable"),
-        Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
-        Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
-        Broken::Unknown { hz } => {
-            format!(
-                "a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}",
-                how_to_exclude(recording, *hz, *times)
-            )
-        }
-        Broken::Integers => "every tuning that holds needs gains beyond what the servo's integers hold: the first mode is too slow beside the sampling rate of the loop for a sensor as quiet; name a larger --sensor-noise-um, so that a slower observer is chosen".to_owned(),
-    }
-    };
-    // The candidate that came furthest says what is in the way.
-    let furthest = scan
-        .candidates
-        .iter()
-        .filter_map(|c| Some((c.broken?, c.unknown.0)))
-        .max_by_key(|(b, _)| match b {
-            Broken::Member(_) => 0,
-            Broken::Sensitivity => 1,
-            Broken::Limit(_) => 2,
-            Broken::Unknown { .. } => 3,
-            Broken::Integers => 4,
-        });
-    format!(
-        "no servo can be answered for: {}",
-        furthest
-            .as_ref()
-            .map_or_else(|| "there is no candidate".into(), in_words)
-    )
-}
-
 /// A sensor cannot be this many times as late as everything that is late in the model together.
 const MORE_THAN_ALL: f64 = 1.5;
 
@@ -562,38 +281,39 @@ fn lag_to_undo(
     said: &mut Vec<String>,
 ) -> Option<f64> {
     let least_hz = sensor_lag::least_bandwidth_hz(period_s);
-    match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
-        sensor_lag::Known::Bandwidth(hz, whose) if hz >= least_hz => {
-            let lag_s = sensor_lag::lag_s(hz);
-            said.push(format!(
-                "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
-                1e6 * lag_s
-            ));
-            if let Some(all_s) =
-                sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s)
-            {
-                said.push(format!(
-                    "CAUTION: that is more than everything that is late in the model, {:.1} us: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
-                    1e6 * all_s
-                ));
-            }
-            Some(lag_s)
-        }
-        sensor_lag::Known::Bandwidth(hz, _) => {
-            said.push(format!(
-                "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
-                least_hz.ceil()
-            ));
-            None
-        }
-        sensor_lag::Known::Doubtful(why) => {
-            said.push(format!(
-                "CAUTION: the sensor's lag is not undone, {why}; say it with --sensor-bandwidth-hz."
-            ));
-            None
-        }
-        sensor_lag::Known::Ideal => None,
+    let (hz, whose, doubt) =
+        match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
+            sensor_lag::Known::Bandwidth(hz, whose) => (hz, whose, None),
+            sensor_lag::Known::Doubtful(hz, why) => (hz, "as identified", Some(why)),
+            sensor_lag::Known::Ideal => return None,
+        };
+    if hz < least_hz {
+        said.push(format!(
+            "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
+            least_hz.ceil()
+        ));
+        return None;
     }
+    let lag_s = sensor_lag::lag_s(hz);
+    let us = |lag_s: f64| format!("{:.1} us", 1e6 * lag_s);
+    said.push(format!(
+        "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {} late before a reading is compared with it, so that the true position is not early.",
+        us(lag_s)
+    ));
+    if let Some(why) = doubt {
+        said.push(format!(
+            "CAUTION: the lag of {} is the model's word, and {why}. If it is not the sensor's the true position follows so much late; name the data sheet's bandwidth with --sensor-bandwidth-hz.",
+            us(lag_s)
+        ));
+    }
+    if let Some(all_s) = sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s)
+    {
+        said.push(format!(
+            "CAUTION: that is more than everything that is late in the model, {}: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
+            us(all_s)
+        ));
+    }
+    Some(lag_s)
 }
 
 /// The model of an actuator for which a servo can be computed, whatever is asked of it.
@@ -634,7 +354,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         mut first,
         second,
         recording,
-    } = known(chain, model, order, &mut said)?;
+    } = known(chain, model, order.recording, &mut said)?;
     first.frequency = first.frequency.max(order.mode_moves);
     shortcomings(chain, recording.as_ref(), &mut said);
     let rounding_um = scale.adc_lsb_um / 12f64.sqrt();
@@ -660,12 +380,17 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         usual_margins,
         ..Demands::default()
     };
+    let basis = DesignBasis {
+        demands,
+        first,
+        second,
+        delay_s: known_delay_s(chain),
+    };
     if !order.inverse {
         demands.model_error_um = demands
             .model_error_um
             .max(left_without_inverse_um(&model).0);
     }
-    let delay_s = known_delay_s(chain);
     let task = Task {
         linear: model.linear,
         first,
@@ -673,7 +398,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         recording: recording.as_ref(),
         mode_moves: order.mode_moves,
         demands,
-        delay_s,
+        delay_s: basis.delay_s,
     };
     // A PID alone feeds nothing forward.
     let feeds_forward = order.scheme != SchemeChoice::Pid || order.inverse;
@@ -682,14 +407,14 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     } else {
         None
     };
-    let words = Words {
+    let words = ScanWords {
         task: &task,
         recording: recording.as_ref(),
         inverse: order.inverse,
     };
     let (scheme, explanation, scan) = if order.scheme == SchemeChoice::Predictor {
         let scan = task.scan();
-        let (chosen, explanation) = words.of(&scan)?;
+        let (chosen, explanation) = words.explain(&scan)?;
         (
             Scheme::Predictor {
                 tuning: chosen.tuning,
@@ -706,6 +431,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     let mut design = ServoDesign::new(scheme, &model, true);
     design.explanation = explanation;
     design.noise_shaping = true;
+    design.basis = Some(basis);
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, model.linear.period_s, &mut said);
     design
@@ -727,10 +453,10 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         sensor_bandwidth::ID,
         delay::ID,
     ];
-    if known_delay_s(chain) > 0.0 {
+    if basis.delay_s > 0.0 {
         design.explanation.push(format!(
             "The observer does not carry the delay of {:.0} us; the loop is judged with it.",
-            1e6 * known_delay_s(chain)
+            1e6 * basis.delay_s
         ));
     }
     let left: Vec<String> = chain
@@ -777,239 +503,26 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     Ok(design)
 }
 
-/// A scan in words.
-struct Words<'a> {
-    task: &'a Task<'a>,
-    recording: Option<&'a ServoRecording>,
-    inverse: bool,
-}
-
-impl InWords for Words<'_> {
-    fn of<'a, T: Clone>(
-        &self,
-        scan: &'a Scan<T>,
-    ) -> Result<(&'a Candidate<T>, Vec<String>), String> {
-        let chosen = scan
-            .chosen(self.task.demands.usual_margins)
-            .ok_or_else(|| refusal(scan, self.recording))?;
-        let (Task { first, demands, .. }, good) = (
-            self.task,
-            scan.candidates
-                .iter()
-                .filter(|c| c.broken.is_none())
-                .count(),
-        );
-        let mut out = vec![
-            format!(
-                "Of {} tunings {good} hold for every plant that is left possible; {} smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
-                scan.candidates.len(),
-                if self.task.demands.usual_margins && chosen.keeps_usual_margins() {
-                    format!(
-                        "of those with {}, this one has the",
-                        usual_margins_in_words()
-                    )
-                } else {
-                    "this one has the".to_owned()
-                },
-                1e3 * chosen.expected_um(),
-                1e3 * chosen.noise_um,
-                1e3 * demands.sensor_noise_um,
-                1e3 * chosen.disturbance_um,
-                demands.reference_hz,
-                1e3 * chosen.slow_um,
-                0.1 * demands.reference_hz,
-                if self.inverse {
-                    "a hysteresis model error"
-                } else {
-                    "a hysteresis that is not inverted"
-                },
-                1e3 * demands.model_error_um
-            ),
-            format!(
-                "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). {}.",
-                100.0 * first.frequency,
-                100.0 * first.damping,
-                chosen.unknown.1,
-                100.0 * chosen.unknown.0,
-                capital(&margins_in_words(chosen))
-            ),
-        ];
-        out.extend(self.price_of_margins(scan, chosen));
-        let worth =
-            |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
-        if let Some(better) = scan.best_if_recorded().filter(worth) {
-            out.push(format!(
-                "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
-                better.unknown.1,
-                how_to_exclude(self.recording, better.unknown.1, better.unknown.0),
-                1e3 * better.expected_um()
-            ));
-        }
-        if let Some(better) = scan.best_in_other_integers().filter(worth) {
-            out.push(format!(
-                "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the sampling rate of the loop.",
-                1e3 * better.expected_um(),
-                hertz(&self.task.linear.first_mode)
-            ));
-        }
-        Ok((chosen, out))
-    }
-}
-
-impl Words<'_> {
-    /// What the usual margins cost, or would cost where they are exceeded.
-    fn price_of_margins<T: Clone>(&self, scan: &Scan<T>, chosen: &Candidate<T>) -> Option<String> {
-        if !self.task.demands.usual_margins {
-            return None;
-        }
-        let best = scan.best()?;
-        let nm = |c: &Candidate<T>| 1e3 * c.expected_um();
-        if chosen.keeps_usual_margins() {
-            let differs = chosen.cost_um() > best.cost_um();
-            return differs.then(|| {
-                format!(
-                    "With smaller margins the expected error is {:.2} nm ({}); --sensitivity-peak {:.2} takes it.",
-                    nm(best),
-                    margins_in_words(best),
-                    0.005 + best.sensitivity_peak
-                )
-            });
-        }
-        Some(match scan.best_with_usual_margins() {
-            Some(usual) => format!(
-                "CAUTION: {} would raise the expected error by more than a third, to {:.2} nm; --sensitivity-peak {USUAL_PEAK} takes it.",
-                usual_margins_in_words(),
-                nm(usual)
-            ),
-            None => format!(
-                "CAUTION: no tuning that holds has {}.",
-                usual_margins_in_words()
-            ),
-        })
-    }
-}
-
-fn usual_margins_in_words() -> String {
-    format!(
-        "a sensitivity of at most {USUAL_PEAK}, a gain margin of {USUAL_GAIN_MARGIN_DB:.0} dB and a phase margin of {USUAL_PHASE_MARGIN_DEG:.0} degrees"
-    )
-}
-
-/// Peak of the sensitivity, gain and phase margin of a candidate.
-fn margins_in_words<T>(candidate: &Candidate<T>) -> String {
-    let finite = |value: f64, text: String| {
-        if value.is_finite() {
-            text
-        } else {
-            "without a limit".to_owned()
-        }
-    };
-    format!(
-        "peak sensitivity {:.2}, gain margin {}, phase margin {}",
-        candidate.sensitivity_peak,
-        finite(
-            candidate.gain_margin,
-            format!("{:.1} dB", decibels(candidate.gain_margin))
-        ),
-        finite(
-            candidate.phase_margin_deg,
-            format!("{:.0} degrees", candidate.phase_margin_deg)
-        )
-    )
-}
-
-fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| {
-        first.to_uppercase().collect::<String>() + letters.as_str()
-    })
-}
-
-/// Whether a law that is there already holds for the plants that a design for this chain has to hold for.
-#[derive(Clone, Debug, Serialize)]
-pub struct OnPlants {
-    /// Plants of the set, beside every missing response that is left possible.
-    pub plants: usize,
-    /// The first condition that it breaks, in words; none where it holds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub broken: Option<String>,
-    /// How much of what it can stand the least favourable missing response is, and its frequency, Hz.
-    pub missing_response: (f64, f64),
-}
-
-/// What a design for a chain reckons with, without the design.
-pub(super) struct Reckoned {
-    known: Known,
-    delay_s: f64,
-}
-
-impl Reckoned {
-    /// Of a chain and the recording behind it.
-    ///
-    /// # Errors
-    /// The data are not those of the model.
-    pub(super) fn with(
-        chain: &Model,
-        model: ActuatorModel,
-        recording: Option<&Dataset>,
-    ) -> Result<Self, String> {
-        if let Some(dataset) = recording {
-            require_same_stage(chain, dataset)?;
-        }
-        let order = DesignOrder {
-            recording,
-            ..DesignOrder::default()
-        };
-        Ok(Self {
-            known: known(chain, model, &order, &mut Vec::new())?,
-            delay_s: known_delay_s(chain),
-        })
-    }
-
-    /// The recording as the model sees it.
-    pub(super) fn recording(&self) -> Option<&ServoRecording> {
-        self.known.recording.as_ref()
-    }
-
-    /// Judges a law on an actuator with this gain over the one that the law inverts.
-    pub(super) fn judge(&self, law: &PredictorDesign, gain_ratio: f64) -> OnPlants {
-        let Known {
-            model,
-            first,
-            second,
-            recording,
-        } = &self.known;
-        let demands = Demands {
-            sensitivity_peak: f64::INFINITY,
+/// What a design was made for, without the recording behind it.
+fn without_recording(design: &ServoDesign) -> Task<'static> {
+    let linear = design.model.linear;
+    let basis = design.basis.unwrap_or_else(|| DesignBasis {
+        demands: Demands {
+            sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
             ..Demands::default()
-        };
-        let task = Task {
-            linear: model.linear,
-            first: *first,
-            second: *second,
-            delay_s: self.delay_s,
-            recording: recording.as_ref(),
-            mode_moves: 0.0,
-            demands,
-        };
-        let (found, plants) = task.judge_law(law, gain_ratio);
-        let broken = found.broken.map(|broken| match broken {
-            Broken::Member(name) => format!("with {name} it is unstable"),
-            Broken::Limit(name) => format!("with {name} it could go on swinging between the limits of the drive"),
-            Broken::Sensitivity | Broken::Integers => "its sensitivity is not finite".to_owned(),
-            Broken::Unknown { hz } => format!(
-                "a mode near {hz:.0} Hz could make it unstable; {}",
-                match recording {
-                    Some(_) => format!("the recording does not exclude it: {}", how_to_exclude(recording.as_ref(), hz, found.unknown.0)),
-                    None => "nothing excludes it without --data: name the recording that the model was identified from".to_owned(),
-                }
-            ),
-        });
-        OnPlants {
-            plants,
-            broken,
-            missing_response: found.unknown,
-        }
+        },
+        first: UNCONFIRMED,
+        second: linear.second_mode.map(|_| UNCONFIRMED),
+        delay_s: 0.0,
+    });
+    Task {
+        linear,
+        first: basis.first,
+        second: basis.second,
+        delay_s: basis.delay_s,
+        recording: None,
+        mode_moves: 0.0,
+        demands: basis.demands,
     }
 }
 
@@ -1022,26 +535,14 @@ pub fn scheme_without_recording(
     choice: SchemeChoice,
     inverse: bool,
 ) -> Result<Scheme, String> {
-    let (model, linear) = (&design.model, design.model.linear);
-    require_usual_rate(choice, linear.period_s)?;
-    let mut demands = Demands {
-        sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM),
-        ..Demands::default()
-    };
+    let model = &design.model;
+    require_usual_rate(choice, design.period_s())?;
+    let mut task = without_recording(design);
     if !inverse {
-        demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(model).0);
+        let left_um = left_without_inverse_um(model).0;
+        task.demands.model_error_um = task.demands.model_error_um.max(left_um);
     }
-    let second = linear.second_mode.map(|_| UNCONFIRMED);
-    let task = Task {
-        linear,
-        first: UNCONFIRMED,
-        second,
-        delay_s: 0.0,
-        recording: None,
-        mode_moves: 0.0,
-        demands,
-    };
-    let words = Words {
+    let words = ScanWords {
         task: &task,
         recording: None,
         inverse,
@@ -1049,7 +550,7 @@ pub fn scheme_without_recording(
     if choice == SchemeChoice::Predictor {
         let scan = task.scan();
         return Ok(Scheme::Predictor {
-            tuning: words.of(&scan)?.0.tuning,
+            tuning: words.explain(&scan)?.0.tuning,
             hysteresis_inverse: inverse,
         });
     }
@@ -1106,33 +607,6 @@ fn missed_by_feedforward(task: &Task<'_>) -> Result<Option<String>, String> {
     }))
 }
 
-/// What a reference becomes with the first mode where it was recorded and at both ends.
-fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
-    let law = PredictorDesign::new(&task.linear, &chosen.tuning);
-    let [lower, recorded, higher] = [-1.0, 0.0, 1.0].map(|way| {
-        let moved = with_first_mode_at(&task.linear, 1.0 + way * task.mode_moves);
-        let band = ReferenceBand::of(
-            &law,
-            &PlantVariation {
-                delay_s: task.delay_s,
-                ..PlantVariation::NONE
-            }
-            .sampled(&moved),
-            1.0,
-        );
-        format!(
-            "{:.0} Hz ({:.2} times at most)",
-            band.bandwidth_hz, band.peak
-        )
-    });
-    format!(
-        "The first mode at {:.0} Hz may move by {:.0} %: references are followed to {recorded} where it was recorded, to {lower} with it lower and {higher} with it higher; {:.2} of the sensor's noise becomes motion.",
-        hertz(&task.linear.first_mode),
-        100.0 * task.mode_moves,
-        chosen.noise_um / task.demands.sensor_noise_um
-    )
-}
-
 /// How a predictor learns where no recording stands behind its model: an unknown mode is reckoned with
 /// everywhere from the first mode on.
 ///
@@ -1142,19 +616,9 @@ pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign
     let Scheme::Predictor { tuning, .. } = &design.scheme else {
         return Err("a correction is learned with the predictor scheme only".into());
     };
-    let linear = design.model.linear;
-    let second = linear.second_mode.map(|_| UNCONFIRMED);
-    let task = Task {
-        linear,
-        first: UNCONFIRMED,
-        second,
-        delay_s: 0.0,
-        recording: None,
-        mode_moves: 0.0,
-        demands: Demands::default(),
-    };
+    let task = without_recording(design);
     LearningDesign::new(
-        &PredictorDesign::new(&linear, tuning),
+        &PredictorDesign::new(&task.linear, tuning),
         &task,
         design.model.reach_um(),
     )
@@ -1175,7 +639,9 @@ fn trade_off(task: &Task<'_>, scan: &Scan, which: impl Fn(&Candidate) -> bool) -
 mod tests {
     use super::*;
     use crate::servo::amplifier_block::amplifier_parameters;
-    use crate::servo::model::LinearModel;
+    use crate::servo::model::{LinearModel, ModeModel};
+    use crate::servo::robust::ModeSpread;
+    use crate::servo::sampled_loop::SampledLoop;
     use hysteron_sim::chain::EffectInstance;
     use hysteron_sim::effect::{Overview, by_id};
 
@@ -1185,7 +651,7 @@ mod tests {
     fn a_reference_beyond_what_the_feedforward_can_do_is_refused_with_one_that_it_can() {
         let missed = |first_hz: f64, second: bool, reference_hz: f64| {
             let mode = |hz: f64| ModeModel {
-                natural_frequency_rad_s: 2.0 * PI * hz,
+                natural_frequency_rad_s: std::f64::consts::TAU * hz,
                 damping_ratio: 0.02,
             };
             let spread = ModeSpread {
@@ -1257,12 +723,8 @@ mod tests {
                 ..DesignOrder::default()
             };
             let servo = design(&chain, &order).expect("a servo");
-            let radius =
-                servo
-                    .law()
-                    .expect("a law")
-                    .spectral_radius(&servo.model.linear.sampled(), 1.0, 0);
-            assert!(radius < 1.0, "{radius}");
+            let law = servo.law().expect("a law");
+            assert!(SampledLoop::new(&law, &servo.model.linear.sampled()).is_stable());
             let parameters = amplifier_parameters(&servo, &front_end).expect("a block");
             assert_eq!(
                 (servo.period_s(), parameters.physical.sample_rate_hz),

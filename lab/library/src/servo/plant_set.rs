@@ -27,6 +27,30 @@ impl PlantVariation {
         mode: None,
     };
 
+    /// With this gain over the model's.
+    #[must_use]
+    pub const fn with_gain(gain: f64) -> Self {
+        Self { gain, ..Self::NONE }
+    }
+
+    /// With this moving mass over the model's.
+    #[must_use]
+    pub const fn with_mass_ratio(mass_ratio: f64) -> Self {
+        Self {
+            mass_ratio,
+            ..Self::NONE
+        }
+    }
+
+    /// With this much more delay, s.
+    #[must_use]
+    pub const fn with_delay_s(delay_s: f64) -> Self {
+        Self {
+            delay_s,
+            ..Self::NONE
+        }
+    }
+
     /// The varied plant, sampled with its drive held; a delay that is no multiple of the period is exact.
     #[must_use]
     pub fn sampled(&self, linear: &LinearModel) -> SampledModel {
@@ -110,11 +134,8 @@ mod tests {
         }
         .sampled();
         for tenths in [3usize, 10, 17, 20] {
-            let delayed = PlantVariation {
-                delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0,
-                ..PlantVariation::NONE
-            }
-            .sampled(&linear());
+            let delayed = PlantVariation::with_delay_s(SAMPLING_PERIOD_S * tenths as f64 / 10.0)
+                .sampled(&linear());
             let late = step_answer(&delayed, 30);
             let at_once = step_answer(&fine, 300);
             for (k, y) in late.iter().enumerate() {

@@ -180,6 +180,36 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
     })
 }
 
+impl ActuatorModel {
+    /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch.
+    /// 4, Eq. 15), and the largest difference of the surfaces that this makes, um. Least squares on a grid; a
+    /// model that fits the tick stays as it is. Coefficients that are large only because they cancel are kept
+    /// small by a weight on them, as little as makes them fit.
+    #[must_use]
+    pub fn for_the_tick(&self) -> (Self, f64) {
+        if hysteresis(self).is_ok() {
+            return (self.clone(), 0.0);
+        }
+        let mut fitted = (self.clone(), f64::INFINITY);
+        for weight in [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
+            fitted = self.with_surfaces_of(SURFACE_SIZE - 1, weight, |_, _| 0.0, |_| 0.0);
+            if hysteresis(&fitted.0).is_ok() {
+                break;
+            }
+        }
+        fitted
+    }
+}
+
+/// The error for more terms than the tick has.
+fn too_many(terms: usize) -> QuantisationError {
+    QuantisationError {
+        what: "terms of creep".into(),
+        value: terms as f64,
+        limit: CREEP_TERMS as f64,
+    }
+}
+
 /// Inverse of creep in a loop with this period, s; terms whose share is nothing are left out.
 ///
 /// # Errors
@@ -194,7 +224,7 @@ pub fn creep_inverse(
         return Ok(CreepInverseParameters::default());
     }
     if used.len() > CREEP_TERMS {
-        return Err(creep::too_many(used.len()));
+        return Err(too_many(used.len()));
     }
     let rate = |t: &CreepTerm| -(-period_s / t.time_constant_s.max(1e-6)).exp_m1();
     let (phi, gamma) = pair.map(|pair| pair_over_a_period(pair, period_s)).unzip();

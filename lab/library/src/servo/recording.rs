@@ -152,7 +152,7 @@ impl Sums {
 impl ServoRecording {
     /// Of a chain on a data set, for a loop with this sampling period, s.
     #[must_use]
-    pub fn of(chain: &Model, dataset: &Dataset, period_s: f64) -> Self {
+    pub fn seen_with(chain: &Model, dataset: &Dataset, period_s: f64) -> Self {
         let force_chain = {
             let mut to_force = chain.clone();
             to_force

@@ -2,8 +2,157 @@
 //! given point by point.
 
 use super::design::ServoDesign;
-use super::track::{PeriodicReference, lead_s};
+use hysteron_core::learned_feedforward::MOST_POINTS;
 use hysteron_sim::waveform;
+use serde::Serialize;
+
+/// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
+const LOWEST_FREQUENCY_HZ: f64 = 0.01;
+
+/// Time before the error counts, s: in it a reference grows.
+const LEAD_S: f64 = 0.5;
+/// Periods of a reference whose correction is learned that pass at its full amplitude before the error
+/// counts.
+const LEARNED_PERIODS: f64 = 10.0;
+/// Time for the gain to be corrected, s: at half a per cent in 0.1 s the largest correction takes four, and
+/// the rest of it one.
+const ADAPTED_WITHIN_S: f64 = 6.0;
+
+/// Time before the error counts, s: longer where the correction of a reference of this frequency, or the
+/// gain, is learned.
+#[must_use]
+pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
+    let learns = design.learning.is_some()
+        && period_ticks(frequency_hz, design.period_s())
+            .is_some_and(|ticks| ticks <= MOST_POINTS as u32);
+    let lead_s = if design.adaptation.is_some() {
+        ADAPTED_WITHIN_S
+    } else {
+        LEAD_S
+    };
+    if learns {
+        lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz)
+    } else {
+        lead_s
+    }
+}
+
+/// How a reference goes from its lowest to its highest point and back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReferenceShape {
+    /// `offset + amplitude sin(2 pi f t + phase)`.
+    Sine,
+    /// In straight lines with sharp corners, where the sine would have its extremes.
+    Triangle,
+}
+
+/// A reference that repeats.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PeriodicReference {
+    /// Shape.
+    pub shape: ReferenceShape,
+    /// Frequency, Hz.
+    pub frequency_hz: f64,
+    /// Amplitude, um.
+    pub amplitude_um: f64,
+    /// Offset, um.
+    pub offset_um: f64,
+    /// Phase, degrees.
+    pub phase_deg: f64,
+}
+
+impl PeriodicReference {
+    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an
+    /// offset it stands on 1.12 times its amplitude, which leaves room for the remnant and for creep; without
+    /// a phase it begins at its lowest point. For a loop with this sampling period, s.
+    ///
+    /// # Errors
+    /// A message that names the field.
+    pub fn parse(text: &str, period_s: f64) -> Result<Self, String> {
+        let expected = format!("expected {NAMES}");
+        let mut fields = text.split(':');
+        let shape = match fields.next() {
+            Some("sine") => ReferenceShape::Sine,
+            Some("triangle") => ReferenceShape::Triangle,
+            _ => return Err(format!("reference `{text}`: {expected}")),
+        };
+        let numbers: Vec<f64> = fields
+            .map(|f| {
+                f.parse::<f64>()
+                    .ok()
+                    .filter(|v| v.is_finite())
+                    .ok_or_else(|| format!("reference `{text}`: `{f}` is not a number; {expected}"))
+            })
+            .collect::<Result<_, _>>()?;
+        let (frequency_hz, amplitude_um) = match numbers.as_slice() {
+            [f, a] | [f, a, _] | [f, a, _, _] => (*f, *a),
+            _ => return Err(format!("reference `{text}`: {expected}")),
+        };
+        if !(LOWEST_FREQUENCY_HZ..=0.25 / period_s).contains(&frequency_hz) {
+            return Err(format!(
+                "reference `{text}`: the frequency must be at least {LOWEST_FREQUENCY_HZ} Hz and at most {} Hz",
+                0.25 / period_s
+            ));
+        }
+        if amplitude_um < 0.0 {
+            return Err(format!(
+                "reference `{text}`: the amplitude must not be negative"
+            ));
+        }
+        Ok(Self {
+            shape,
+            frequency_hz,
+            amplitude_um,
+            offset_um: numbers.get(2).copied().unwrap_or(1.12 * amplitude_um),
+            phase_deg: numbers.get(3).copied().unwrap_or(-90.0),
+        })
+    }
+
+    /// Samples of a loop with this sampling period, s, grown from zero, for `lead_s` and then two periods or a
+    /// second; and the sample from which the error counts.
+    #[must_use]
+    pub fn samples_um(&self, lead_s: f64, period_s: f64) -> (Vec<f64>, usize) {
+        let fs = 1.0 / period_s;
+        let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
+        let mut samples = match self.shape {
+            ReferenceShape::Sine => waveform::sine(
+                fs,
+                self.frequency_hz,
+                self.amplitude_um,
+                self.offset_um,
+                self.phase_deg.to_radians(),
+                duration_s,
+            ),
+            ReferenceShape::Triangle => (0..waveform::samples_in(fs, duration_s))
+                .map(|k| {
+                    let turns = (self.frequency_hz * k as f64 / fs
+                        + (self.phase_deg + 90.0) / 360.0)
+                        .rem_euclid(1.0);
+                    self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
+                })
+                .collect(),
+        };
+        waveform::grow_from_zero(&mut samples, fs);
+        (samples, waveform::samples_in(fs, lead_s))
+    }
+
+    /// Ticks of a loop with this sampling period, s, after which it repeats; `None` where these are no whole
+    /// number.
+    #[must_use]
+    pub fn period_ticks(&self, period_s: f64) -> Option<u32> {
+        period_ticks(self.frequency_hz, period_s)
+    }
+}
+
+/// Ticks of a loop with this sampling period, s, after which something of a frequency repeats; `None` where
+/// these are no whole number.
+#[must_use]
+pub fn period_ticks(frequency_hz: f64, period_s: f64) -> Option<u32> {
+    let ticks = 1.0 / (frequency_hz * period_s);
+    ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX))
+        .then_some(ticks.round() as u32)
+}
 
 /// A reference, um, counted from where the actuator stands at its lowest drive.
 #[derive(Clone, Debug, PartialEq)]
@@ -270,5 +419,44 @@ mod tests {
                 Reference::through(&time_s, &reference_um, SAMPLING_PERIOD_S).unwrap_err();
             assert!(refused.contains(expected), "{refused}");
         }
+    }
+
+    #[test]
+    fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {
+        let triangle = PeriodicReference::parse("triangle:100:3:5", SAMPLING_PERIOD_S).unwrap();
+        assert_eq!(triangle.period_ticks(SAMPLING_PERIOD_S), Some(200));
+        let (samples, from) = triangle.samples_um(LEAD_S, SAMPLING_PERIOD_S);
+        for (k, expected) in [
+            (0, 2.0),
+            (50, 5.0),
+            (100, 8.0),
+            (125, 6.5),
+            (199, 2.06),
+            (200, 2.0),
+        ] {
+            assert!(
+                (samples[from + k] - expected).abs() < 1e-9,
+                "{k}: {}",
+                samples[from + k]
+            );
+        }
+        let ticks = |text: &str| {
+            PeriodicReference::parse(text, SAMPLING_PERIOD_S)
+                .unwrap()
+                .period_ticks(SAMPLING_PERIOD_S)
+        };
+        assert_eq!(
+            (
+                ticks("sine:150:1"),
+                ticks("sine:0.3:1"),
+                ticks("sine:12.5:1")
+            ),
+            (None, None, Some(1600))
+        );
+        assert!(
+            PeriodicReference::parse("square:100:3", SAMPLING_PERIOD_S)
+                .unwrap_err()
+                .contains("triangle:")
+        );
     }
 }

@@ -2,11 +2,13 @@
 //! sampled loop, and for tuning under the margins that every design keeps. What runs in the tick is
 //! [`super::thesis_schemes::regulator`].
 
+use super::assessment::{Assessment, best_of};
+use super::candidate::Family;
+use super::law::{PredictorDesign, STATES};
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, PredictorDesign, STATES, TuningJudgement, best_of};
 use super::quantise::Unit;
-use super::robust::Family;
 use super::thesis_schemes::{Feedforward, Notch, PidGains, regulator};
+use super::tuning::Demands;
 use nalgebra::{DMatrix, DVector};
 
 /// The regulator in f64. States: output, last error, two of the notch, integral.
@@ -66,7 +68,7 @@ pub fn tune(
     linear: &LinearModel,
     demands: &Demands,
     notch: Option<&Notch>,
-) -> Option<(PidGains, TuningJudgement)> {
+) -> Option<Assessment<PidGains>> {
     let mut candidates = Vec::new();
     for step in 0..24 {
         for p in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4] {
@@ -77,7 +79,7 @@ pub fn tune(
             });
         }
     }
-    best_of(candidates, |gains| law(gains, notch), linear, demands)
+    best_of(&candidates, |gains| law(gains, notch), linear, demands)
 }
 
 /// PID on the tracking error, in um of force-equivalent displacement.
@@ -179,8 +181,8 @@ mod tests {
             sensitivity_peak: 4.0,
             ..Demands::default()
         };
-        let without = tune(&linear, &demands, None).unwrap().0;
-        let with = tune(&linear, &demands, Some(&notch_for(&linear))).map_or(0.0, |t| t.0.i);
+        let without = tune(&linear, &demands, None).unwrap().tuning;
+        let with = tune(&linear, &demands, Some(&notch_for(&linear))).map_or(0.0, |t| t.tuning.i);
         assert!(with > without.i, "{with} {}", without.i);
     }
 }

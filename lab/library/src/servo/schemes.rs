@@ -1,18 +1,20 @@
 //! The schemes that a design chooses among, under one set of margins, and what each does beside the predictor
 //! on the same runs.
 
+use super::candidate::{Candidate, Family};
 use super::design::{Form, Scheme, ServoDesign};
+use super::explanation::ScanWords;
 use super::model::{ActuatorModel, NominalModel};
-use super::predictor::Demands;
+use super::reference::{PeriodicReference, Reference, ReferenceShape};
 use super::regulator_loop::Regulators;
-use super::robust::{Candidate, Family, Scan, Task};
+use super::robust::Task;
 use super::sliding_mode::{SlidingFamily, SlidingKind};
+use super::thesis_conditions;
 use super::thesis_schemes::PidGains;
-use super::track::{Circumstances, PeriodicReference, ReferenceShape, track};
-use super::{check, reference::Reference};
+use super::track::{Circumstances, track};
+use super::tuning::Demands;
 use hysteron_sim::chain::Model;
 use serde::Serialize;
-use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 /// A scheme by its name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -124,7 +126,7 @@ pub(super) fn choose(
     inverse: bool,
     model: &ActuatorModel,
     task: &Task<'_>,
-    words: &impl InWords,
+    words: &ScanWords<'_>,
 ) -> Result<Chosen, String> {
     let kind = match choice {
         SchemeChoice::Predictor => return Err("the predictor is designed by itself".into()),
@@ -166,7 +168,7 @@ pub(super) fn choose(
     };
     let (chosen, mut said) = scanned(&family, task, words)?;
     let (estimator, controller, reaching) = family.gains(&chosen.tuning);
-    said.extend(check::gains_in_words(
+    said.extend(thesis_conditions::gains_in_words(
         &nominal,
         &estimator,
         &controller,
@@ -188,24 +190,18 @@ pub(super) fn choose(
     })
 }
 
-/// Puts the outcome of a scan into words.
-pub(super) trait InWords {
-    /// The best candidate with why it is, or the refusal.
-    fn of<'a, T: Clone>(
-        &self,
-        scan: &'a Scan<T>,
-    ) -> Result<(&'a Candidate<T>, Vec<String>), String>;
-}
-
 fn scanned<F: Family>(
     family: &F,
     task: &Task<'_>,
-    words: &impl InWords,
+    words: &ScanWords<'_>,
 ) -> Result<(Candidate<F::Tuning>, Vec<String>), String> {
     let scan = task.scan_of(family);
-    let (best, said) = words.of(&scan)?;
+    let (best, said) = words.explain(&scan)?;
     Ok((best.clone(), said))
 }
+
+/// Amplitude of the sines on which schemes are compared, over the travel.
+const SHOWN_AMPLITUDE: f64 = 0.3;
 
 /// What one scheme does on one reference.
 #[derive(Clone, Debug, Serialize)]
@@ -214,6 +210,8 @@ pub struct AtWork {
     pub scheme: String,
     /// Frequency of the sine, Hz.
     pub frequency_hz: f64,
+    /// Its amplitude, um.
+    pub amplitude_um: f64,
     /// RMS error of the true displacement, um.
     pub true_rms_um: f64,
     /// Largest error of the true displacement, um.
@@ -233,7 +231,7 @@ pub fn at_work(
         .flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz)))
         .collect();
     let run = |(design, hz): &(&ServoDesign, f64)| {
-        let amplitude_um = 0.3 * design.model.reach_um();
+        let amplitude_um = SHOWN_AMPLITUDE * design.model.reach_um();
         let reference = PeriodicReference {
             shape: ReferenceShape::Sine,
             frequency_hz: *hz,
@@ -259,6 +257,7 @@ pub fn at_work(
         AtWork {
             scheme: design.scheme_name().into(),
             frequency_hz: *hz,
+            amplitude_um,
             true_rms_um,
             true_max_um,
         }
@@ -286,56 +285,16 @@ pub fn at_work_in_words(rows: &[AtWork]) -> String {
         .map(|row| format!("{:.0}", row.frequency_hz))
         .collect();
     format!(
-        "On this model, same runs, RMS error of the true position at {} Hz: {}.",
+        "Expected on this model, RMS error of the true position at {} Hz with an amplitude of {:.2} um: {}.",
         hz.join(" / "),
+        rows.first().map_or(0.0, |row| row.amplitude_um),
         schemes.iter().map(|s| of(s)).collect::<Vec<_>>().join("; ")
     )
 }
 
-/// Cut-off of the observer's `G_3` (Ch. 7, Eq. 26): from where it falls below 3 dB for good, Hz.
-#[must_use]
-pub fn observer_cutoff_hz(
-    nominal: &NominalModel,
-    gains: &super::thesis_schemes::ObserverGains,
-) -> f64 {
-    let magnitude = |hz: f64| check::observer_response(nominal, gains, TAU * hz).norm();
-    let highest = 10_000.0;
-    let steps = (0..400).map(|i| highest * 0.98_f64.powi(i));
-    let mut beyond = highest;
-    for hz in steps {
-        if magnitude(hz) >= FRAC_1_SQRT_2 {
-            // Between here and the step above.
-            let (mut low, mut high) = (hz, beyond);
-            for _ in 0..40 {
-                let middle = 0.5 * (low + high);
-                if magnitude(middle) >= FRAC_1_SQRT_2 {
-                    low = middle
-                } else {
-                    high = middle
-                }
-            }
-            return low;
-        }
-        beyond = hz;
-    }
-    0.0
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::thesis_schemes::ObserverGains;
     use super::*;
-
-    #[test]
-    fn the_cut_off_is_the_one_of_the_thesis_gains() {
-        let cutoff = |gains| observer_cutoff_hz(&NominalModel::THESIS, &gains);
-        assert!(
-            (cutoff(ObserverGains::THESIS_ESTIMATION) - 718.0).abs() < 1.0,
-            "{}",
-            cutoff(ObserverGains::THESIS_ESTIMATION)
-        );
-        assert!((cutoff(ObserverGains::THESIS_PIDSMOC) - 1187.0).abs() < 2.0);
-    }
 
     #[test]
     fn every_name_is_its_scheme() {

@@ -1,17 +1,17 @@
 //! The known lag of the sensor, by which the reference is made late too (core:
 //! [`hysteron_core::sensor_lag`]).
 //!
-//! # Which lag is known
-//! From drive and reading alone a lag of the sensor looks much like one of the amplifier, and undoing one
-//! that is the amplifier's would make the true position as late as it was early. So a lag is undone where
-//! somebody says it (the order, or a parameter of the model that is held), where the model has both lags and
-//! the data tell them apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and
-//! the explanation reports that.
+//! # Which lag is undone
+//! A lag that is left makes the true position early by all of it, and no reading shows that. So the best value
+//! that there is gets undone: the order's, one that the model holds fixed, one that the data tell apart from
+//! the amplifier's ([`KNOWN`]), the data sheet's in the data set, and last the model's own. From drive and
+//! reading alone a lag of the sensor looks much like one of the amplifier; where the last of these is taken
+//! the explanation reports it.
 
 use super::quantise::{QuantisationError, number};
 use crate::dataset::Dataset;
 use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
-use hysteron_sim::chain::Model;
+use hysteron_sim::chain::{Model, ParameterValue};
 use hysteron_sim::effect::{amplifier_bandwidth, delay, sensor_bandwidth};
 use std::f64::consts::TAU;
 
@@ -29,8 +29,8 @@ const LEAST_CARRIED: f64 = -0.33;
 pub enum Known {
     /// This bandwidth, Hz, by the word or the data that are named.
     Bandwidth(f64, &'static str),
-    /// The model has a lag, and this is why it is not undone.
-    Doubtful(String),
+    /// This bandwidth, Hz, is the model's best, and this is why it may be another one.
+    Doubtful(f64, String),
     /// The model reads without a lag.
     Ideal,
 }
@@ -44,39 +44,31 @@ pub fn known(chain: &Model, dataset: Option<&Dataset>, ordered_hz: Option<f64>) 
     let in_chain = chain
         .effect(sensor_bandwidth::ID)
         .and_then(|e| e.parameters.first());
-    if let Some(p) = in_chain
-        && p.parameter.fixed
-    {
-        return Known::Bandwidth(p.value, "as the model holds it");
-    }
     let beside_amplifier = chain.effect(amplifier_bandwidth::ID).is_some();
-    let spread = in_chain.map(|p| p.std.map_or(f64::INFINITY, |std| std / p.value.abs()));
-    if let (Some(p), Some(spread), true) = (in_chain, spread, beside_amplifier)
-        && spread <= KNOWN
-    {
-        return Known::Bandwidth(p.value, "as identified beside the amplifier's");
+    let spread = |p: &ParameterValue| p.std.map_or(f64::INFINITY, |std| std / p.value.abs());
+    match in_chain {
+        Some(p) if p.parameter.fixed => {
+            return Known::Bandwidth(p.value, "as the model holds it");
+        }
+        Some(p) if beside_amplifier && spread(p) <= KNOWN => {
+            return Known::Bandwidth(p.value, "as identified beside the amplifier's");
+        }
+        _ => {}
     }
     if let Some(hz) = dataset.and_then(|d| d.sensor_bandwidth_hz) {
         return Known::Bandwidth(hz, "from the data set");
     }
-    match (in_chain, spread) {
-        (Some(p), Some(spread)) if beside_amplifier && spread.is_finite() => {
-            Known::Doubtful(format!(
-                "the sensor's bandwidth of {:.0} Hz is known to {:.0} % only",
-                p.value,
-                100.0 * spread
-            ))
+    let Some(p) = in_chain else {
+        return Known::Ideal;
+    };
+    let why = match spread(p) {
+        _ if !beside_amplifier => {
+            "it could be the amplifier's, of which the model has none".to_owned()
         }
-        (Some(p), _) if beside_amplifier => Known::Doubtful(format!(
-            "the sensor's bandwidth of {:.0} Hz has no standard deviation",
-            p.value
-        )),
-        (Some(p), _) => Known::Doubtful(format!(
-            "the lag of {:.0} Hz that the model calls the sensor's could be the amplifier's: the model has no other",
-            p.value
-        )),
-        (None, _) => Known::Ideal,
-    }
+        spread if spread.is_finite() => format!("it is known to {:.0} % only", 100.0 * spread),
+        _ => "it has no standard deviation".to_owned(),
+    };
+    Known::Doubtful(p.value, why)
 }
 
 /// The lag of a first-order low-pass at rest, s.
@@ -190,13 +182,10 @@ mod tests {
     }
 
     #[test]
-    fn a_lag_that_could_be_the_amplifiers_is_not_undone() {
-        let hz = |known: Known| {
-            if let Known::Bandwidth(hz, _) = known {
-                Some(hz)
-            } else {
-                None
-            }
+    fn the_best_value_of_a_lag_is_undone_and_doubts_are_named() {
+        let hz = |known: Known| match known {
+            Known::Bandwidth(hz, _) => Some(hz),
+            _ => None,
         };
         let both = [
             ("amplifier_bandwidth", 9e3, Some(300.0)),
@@ -205,12 +194,12 @@ mod tests {
         assert_eq!(hz(known(&chain(&both), None, None)), Some(8e3));
         let vague = [both[0], ("sensor_bandwidth", 8e3, Some(1000.0))];
         assert!(
-            matches!(known(&chain(&vague), None, None), Known::Doubtful(why) if why.contains("12 %") || why.contains("13 %"))
+            matches!(known(&chain(&vague), None, None), Known::Doubtful(hz, why)
+                if hz == 8e3 && (why.contains("12 %") || why.contains("13 %")))
         );
         let alone = chain(&both[1..]);
-        assert!(
-            matches!(known(&alone, None, None), Known::Doubtful(why) if why.contains("amplifier's"))
-        );
+        assert!(matches!(known(&alone, None, None), Known::Doubtful(hz, why)
+                if hz == 8e3 && why.contains("amplifier's")));
         assert_eq!(hz(known(&alone, None, Some(7e3))), Some(7e3));
         let mut held = alone.clone();
         held.effects[0].parameters[0].parameter.fixed = true;

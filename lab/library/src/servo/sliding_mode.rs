@@ -18,14 +18,16 @@
 //! is let through (`G_6`, Ch. 7, Eq. 34), of the sampled loop and under the margins of every
 //! design.
 
+use super::candidate::Family;
+use super::feedforward::feedforward;
+use super::law::{PredictorDesign, STATES};
 use super::model::{LinearModel, NominalModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, PredictorDesign, STATES, feedforward};
 use super::quantise::Unit;
-use super::robust::Family;
 use super::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw,
     estimator_rows,
 };
+use super::tuning::Demands;
 use super::window_fit;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -391,8 +393,11 @@ impl Family for SlidingFamily {
 
 #[cfg(test)]
 mod tests {
+    use super::super::candidate::Scan;
     use super::super::model::ModeModel;
-    use super::super::robust::{ModeSpread, Scan, Task};
+    use super::super::plant_set::PlantVariation;
+    use super::super::robust::{ModeSpread, Task};
+    use super::super::sampled_loop::SampledLoop;
     use super::*;
     use hysteron_core::reference_window::ReferenceWindow;
     use hysteron_core::sensor_lag::SensorLag;
@@ -443,7 +448,7 @@ mod tests {
         let plant = linear.sampled();
         let sliding = family(SlidingKind::Pidsmoc, &linear).sliding(&TUNING);
         let law = sliding.as_predictor().unwrap();
-        assert!(law.spectral_radius(&plant, 1.0, 0) < 1.0);
+        assert!(SampledLoop::new(&law, &plant).is_stable());
         // The controller alone, on states that are known: e+ = F e + G u with its own sum and difference.
         let (phi, gamma) = NominalModel {
             gain_um_v: 1.0,
@@ -480,7 +485,9 @@ mod tests {
             unit[j] = 1.0;
             alone.set_column(j, &DVector::from_row_slice(&step(&unit)));
         }
-        let whole = law.closed_loop(&plant, 1.0, 0).complex_eigenvalues();
+        let whole = SampledLoop::new(&law, &plant)
+            .matrix()
+            .complex_eigenvalues();
         for pole in alone
             .complex_eigenvalues()
             .iter()
@@ -593,11 +600,16 @@ mod tests {
             let law = family(SlidingKind::Pidsmoc, &linear)
                 .law(&best.tuning)
                 .unwrap();
-            let plant = linear.sampled();
-            for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
+            for variation in [
+                PlantVariation::NONE,
+                PlantVariation::with_gain(0.5),
+                PlantVariation::with_gain(1.5),
+                PlantVariation::with_delay_s(SAMPLING_PERIOD_S),
+            ] {
+                let plant = variation.sampled(&linear);
                 assert!(
-                    law.spectral_radius(&plant, gain, extra_delay) < 1.0,
-                    "{hz} Hz {damping_ratio}: {gain} {extra_delay}"
+                    SampledLoop::new(&law, &plant).is_stable(),
+                    "{hz} Hz {damping_ratio}: {variation:?}"
                 );
             }
         }

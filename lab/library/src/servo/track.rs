@@ -11,11 +11,10 @@ use super::design::ServoDesign;
 use super::disturbance::Disturbance;
 use super::model::actuator_model;
 use super::quantise::QuantisationError;
-use super::reference::{NAMES, Reference};
+use super::reference::Reference;
 use super::sensor_lag;
 use crate::statistics::extremes;
 use hysteron_core::gain_adaptation::ONE;
-use hysteron_core::learned_feedforward::MOST_POINTS;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
@@ -27,163 +26,19 @@ use hysteron_sim::effect::sensor_bandwidth;
 use hysteron_sim::waveform;
 use serde::Serialize;
 
-/// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
-const LOWEST_FREQUENCY_HZ: f64 = 0.01;
-
-/// Time before the error counts, s: in it a reference grows.
-const LEAD_S: f64 = 0.5;
-/// Periods of a reference whose correction is learned that pass at its full amplitude before the error
-/// counts.
-const LEARNED_PERIODS: f64 = 10.0;
-/// Time for the gain to be corrected, s: at half a per cent in 0.1 s the largest correction takes four, and
-/// the rest of it one.
-const ADAPTED_WITHIN_S: f64 = 6.0;
-
-/// Time before the error counts, s: longer where the correction of a reference of this frequency, or the
-/// gain, is learned.
-#[must_use]
-pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
-    let learns = design.learning.is_some()
-        && period_ticks(frequency_hz, design.period_s())
-            .is_some_and(|ticks| ticks <= MOST_POINTS as u32);
-    let lead_s = if design.adaptation.is_some() {
-        ADAPTED_WITHIN_S
-    } else {
-        LEAD_S
-    };
-    if learns {
-        lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz)
-    } else {
-        lead_s
-    }
-}
-
 /// The servo of a design, with its sampling period, s; it receives the period of its reference, in ticks, once
 /// that has grown.
 #[must_use]
-pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>, period_s: f64) -> RepeatsLater {
+pub fn repeats_when_grown(
+    servo: ServoTick,
+    period_ticks: Option<u32>,
+    period_s: f64,
+) -> RepeatsLater {
     RepeatsLater {
         servo,
         period_ticks,
         wait_ticks: waveform::samples_in(1.0 / period_s, waveform::GROWN_WITHIN_S),
     }
-}
-
-/// How a reference goes from its lowest to its highest point and back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReferenceShape {
-    /// `offset + amplitude sin(2 pi f t + phase)`.
-    Sine,
-    /// In straight lines with sharp corners, where the sine would have its extremes.
-    Triangle,
-}
-
-/// A reference that repeats.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PeriodicReference {
-    /// Shape.
-    pub shape: ReferenceShape,
-    /// Frequency, Hz.
-    pub frequency_hz: f64,
-    /// Amplitude, um.
-    pub amplitude_um: f64,
-    /// Offset, um.
-    pub offset_um: f64,
-    /// Phase, degrees.
-    pub phase_deg: f64,
-}
-
-impl PeriodicReference {
-    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an
-    /// offset it stands on 1.12 times its amplitude, which leaves room for the remnant and for creep; without
-    /// a phase it begins at its lowest point. For a loop with this sampling period, s.
-    ///
-    /// # Errors
-    /// A message that names the field.
-    pub fn parse(text: &str, period_s: f64) -> Result<Self, String> {
-        let expected = format!("expected {NAMES}");
-        let mut fields = text.split(':');
-        let shape = match fields.next() {
-            Some("sine") => ReferenceShape::Sine,
-            Some("triangle") => ReferenceShape::Triangle,
-            _ => return Err(format!("reference `{text}`: {expected}")),
-        };
-        let numbers: Vec<f64> = fields
-            .map(|f| {
-                f.parse::<f64>()
-                    .ok()
-                    .filter(|v| v.is_finite())
-                    .ok_or_else(|| format!("reference `{text}`: `{f}` is not a number; {expected}"))
-            })
-            .collect::<Result<_, _>>()?;
-        let (frequency_hz, amplitude_um) = match numbers.as_slice() {
-            [f, a] | [f, a, _] | [f, a, _, _] => (*f, *a),
-            _ => return Err(format!("reference `{text}`: {expected}")),
-        };
-        if !(LOWEST_FREQUENCY_HZ..=0.25 / period_s).contains(&frequency_hz) {
-            return Err(format!(
-                "reference `{text}`: the frequency must be at least {LOWEST_FREQUENCY_HZ} Hz and at most {} Hz",
-                0.25 / period_s
-            ));
-        }
-        if amplitude_um < 0.0 {
-            return Err(format!(
-                "reference `{text}`: the amplitude must not be negative"
-            ));
-        }
-        Ok(Self {
-            shape,
-            frequency_hz,
-            amplitude_um,
-            offset_um: numbers.get(2).copied().unwrap_or(1.12 * amplitude_um),
-            phase_deg: numbers.get(3).copied().unwrap_or(-90.0),
-        })
-    }
-
-    /// Samples of a loop with this sampling period, s, grown from zero, for `lead_s` and then two periods or a
-    /// second; and the sample from which the error counts.
-    #[must_use]
-    pub fn samples_um(&self, lead_s: f64, period_s: f64) -> (Vec<f64>, usize) {
-        let fs = 1.0 / period_s;
-        let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
-        let mut samples = match self.shape {
-            ReferenceShape::Sine => waveform::sine(
-                fs,
-                self.frequency_hz,
-                self.amplitude_um,
-                self.offset_um,
-                self.phase_deg.to_radians(),
-                duration_s,
-            ),
-            ReferenceShape::Triangle => (0..waveform::samples_in(fs, duration_s))
-                .map(|k| {
-                    let turns = (self.frequency_hz * k as f64 / fs
-                        + (self.phase_deg + 90.0) / 360.0)
-                        .rem_euclid(1.0);
-                    self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
-                })
-                .collect(),
-        };
-        waveform::grow_from_zero(&mut samples, fs);
-        (samples, waveform::samples_in(fs, lead_s))
-    }
-
-    /// Ticks of a loop with this sampling period, s, after which it repeats; `None` where these are no whole
-    /// number.
-    #[must_use]
-    pub fn period_ticks(&self, period_s: f64) -> Option<u32> {
-        period_ticks(self.frequency_hz, period_s)
-    }
-}
-
-/// Ticks of a loop with this sampling period, s, after which something of a frequency repeats; `None` where
-/// these are no whole number.
-#[must_use]
-pub fn period_ticks(frequency_hz: f64, period_s: f64) -> Option<u32> {
-    let ticks = 1.0 / (frequency_hz * period_s);
-    ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX))
-        .then_some(ticks.round() as u32)
 }
 
 /// RMS and largest error.
@@ -235,7 +90,12 @@ const STAYS: f64 = 0.1;
 
 impl StepFigures {
     /// Of a true position; the step is at a tick.
-    fn of(displacement_um: &[f64], at: usize, [from_um, by_um]: [f64; 2], period_s: f64) -> Self {
+    fn measured(
+        displacement_um: &[f64],
+        at: usize,
+        [from_um, by_um]: [f64; 2],
+        period_s: f64,
+    ) -> Self {
         let progress = |k: usize| (displacement_um[k] - from_um) / by_um;
         let seconds = |ticks: usize| ticks as f64 * period_s;
         let behind = displacement_um.len().saturating_sub(at);
@@ -275,7 +135,7 @@ pub struct DriveFigures {
 }
 
 impl DriveFigures {
-    fn of(drive_v: &[f64], from: usize, period_s: f64) -> Self {
+    fn measured(drive_v: &[f64], from: usize, period_s: f64) -> Self {
         let counted = drive_v.get(from..).unwrap_or_default();
         let rates: Vec<f64> = counted
             .windows(2)
@@ -407,27 +267,44 @@ pub struct Circumstances {
     pub disturbance: Option<Disturbance>,
 }
 
-/// The plant and the timing of a run.
-fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -> String {
+/// The converters that a servo is put to work with.
+fn fitting_converters(design: &ServoDesign) -> ConverterScale {
+    let model = &design.model;
+    ConverterScale::around(
+        model.drive_min_v,
+        model.drive_max_v,
+        model.surfaces().initial_ascending_curve(1.0),
+    )
+}
+
+/// The timing of a run, behind what the plant is.
+fn timing_in_words(design: &ServoDesign) -> String {
+    let scale = fitting_converters(design);
+    let acts = if design.delayed {
+        format!(
+            "one period of {:.0} us after its reading, as on the target",
+            1e6 * design.period_s()
+        )
+    } else {
+        "at once, which no target does".to_owned()
+    };
+    format!(
+        "codes of {} and {} bits; a code acts {acts}",
+        scale.adc_bits, scale.dac_bits
+    )
+}
+
+/// What a chain is to the design.
+fn chain_in_words(chain: &Model, design: &ServoDesign) -> String {
     let servo_knows = actuator_model(chain).map(|model| model.for_the_tick().0.linear.first_mode)
         == Some(design.model.linear.first_mode);
     format!(
-        "simulated from the model's effects {}{}; codes of {} and {} bits; a code acts {}",
+        "simulated from the model's effects {}{}",
         chain.effect_ids().join(", "),
         if servo_knows {
             ", of which the servo was designed"
         } else {
             ", which is not the model that the servo was designed for"
-        },
-        scale.adc_bits,
-        scale.dac_bits,
-        if design.delayed {
-            format!(
-                "one period of {:.0} us after its reading, as on the target",
-                1e6 * design.period_s()
-            )
-        } else {
-            "at once, which no target does".to_owned()
         }
     )
 }
@@ -466,6 +343,36 @@ pub fn track_on(
     reference_name: &str,
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
+    let mut plant = ChainPlant::changed(chain, change, design.model.drive_min_v, design.period_s());
+    let found = track_plant(
+        &mut plant,
+        &chain_in_words(chain, design),
+        design,
+        reference,
+        reference_name,
+        circumstances,
+    )?;
+    Ok(TrackResult {
+        model_sensor_lag_s: chain
+            .values(sensor_bandwidth::ID)
+            .and_then(|v| v.first().copied())
+            .map(sensor_lag::lag_s),
+        ..found
+    })
+}
+
+/// Follows a reference on any plant, from rest at its lowest drive; `called` says what the plant is.
+///
+/// # Errors
+/// If the design does not fit the tick's formats.
+pub fn track_plant(
+    plant: &mut impl Plant,
+    called: &str,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    circumstances: Circumstances,
+) -> Result<TrackResult, QuantisationError> {
     let Circumstances {
         noise_um,
         seed,
@@ -477,19 +384,14 @@ pub fn track_on(
         d.samples_um(reference_um.len(), from, period_s)
     });
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
-    let scale = ConverterScale::around(
-        low_v,
-        high_v,
-        design.model.surfaces().initial_ascending_curve(1.0),
-    );
-    let mut plant = ChainPlant::changed(chain, change, low_v, period_s);
+    let scale = fitting_converters(design);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
     let fs = 1.0 / period_s;
     let conditioning = waveform::concatenate(&[
         waveform::raised_cosine(fs, 10.0, low_v, high_v, 1),
         waveform::hold(fs, low_v, 1.0),
     ]);
-    condition(&mut plant, &mut servo, &scale, &conditioning);
+    condition(plant, &mut servo, &scale, &conditioning);
     let around = Surroundings {
         scale: scale.zeroed_at(plant.sensor_um()),
         noise_um,
@@ -499,11 +401,11 @@ pub fn track_on(
         displacement_zero_um: plant.displacement_um(),
     };
     servo.take_scale(&around.scale);
-    let mut told = told_when_grown(servo, reference.period_ticks(period_s), period_s);
-    let trace = follow(&mut plant, &mut told, &around, &reference_um);
+    let mut repeats = repeats_when_grown(servo, reference.period_ticks(period_s), period_s);
+    let trace = follow(plant, &mut repeats, &around, &reference_um);
     let samples = trace.sensor_um.len();
     let step = match reference {
-        Reference::Step { from_um, by_um } => Some(StepFigures::of(
+        Reference::Step { from_um, by_um } => Some(StepFigures::measured(
             &trace.displacement_um,
             from,
             [*from_um, *by_um],
@@ -516,21 +418,18 @@ pub fn track_on(
         schema: "hysteron.track/1".into(),
         scheme: design.scheme_name().into(),
         reference: reference_name.into(),
-        plant: plant_in_words(chain, design, &scale),
+        plant: format!("{called}; {}", timing_in_words(design)),
         beside: None,
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
         as_read: ErrorFigures::between(&trace.reading_um, &trace.reference_um, from).into(),
         step,
-        drive: DriveFigures::of(&trace.drive_v, from, period_s),
+        drive: DriveFigures::measured(&trace.drive_v, from, period_s),
         sensor_lag_s: design.sensor_lag_s,
-        model_sensor_lag_s: chain
-            .values(sensor_bandwidth::ID)
-            .and_then(|v| v.first().copied())
-            .map(sensor_lag::lag_s),
+        model_sensor_lag_s: None,
         noise_um,
         disturbance,
-        adapted_gain: told
+        adapted_gain: repeats
             .servo
             .adaptation()
             .map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
@@ -570,7 +469,7 @@ mod tests {
             }
         };
         let exponential: Vec<f64> = (0..1000).map(position).collect();
-        let found = StepFigures::of(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
+        let found = StepFigures::measured(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         // Within 2 % behind 20 ln 50 = 78.2 ticks, from a tenth to nine tenths in 20 ln 9 = 43.9.
         assert_eq!(
             found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()),
@@ -586,49 +485,10 @@ mod tests {
             .enumerate()
             .map(|(k, y)| if k == 990 { 3.1 } else { *y })
             .collect();
-        let late = StepFigures::of(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
+        let late = StepFigures::measured(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         assert!(
             late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9,
             "{late:?}"
-        );
-    }
-
-    #[test]
-    fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {
-        let triangle = PeriodicReference::parse("triangle:100:3:5", SAMPLING_PERIOD_S).unwrap();
-        assert_eq!(triangle.period_ticks(SAMPLING_PERIOD_S), Some(200));
-        let (samples, from) = triangle.samples_um(LEAD_S, SAMPLING_PERIOD_S);
-        for (k, expected) in [
-            (0, 2.0),
-            (50, 5.0),
-            (100, 8.0),
-            (125, 6.5),
-            (199, 2.06),
-            (200, 2.0),
-        ] {
-            assert!(
-                (samples[from + k] - expected).abs() < 1e-9,
-                "{k}: {}",
-                samples[from + k]
-            );
-        }
-        let ticks = |text: &str| {
-            PeriodicReference::parse(text, SAMPLING_PERIOD_S)
-                .unwrap()
-                .period_ticks(SAMPLING_PERIOD_S)
-        };
-        assert_eq!(
-            (
-                ticks("sine:150:1"),
-                ticks("sine:0.3:1"),
-                ticks("sine:12.5:1")
-            ),
-            (None, None, Some(1600))
-        );
-        assert!(
-            PeriodicReference::parse("square:100:3", SAMPLING_PERIOD_S)
-                .unwrap_err()
-                .contains("triangle:")
         );
     }
 }

@@ -4,11 +4,11 @@
 //! An observer for a sensor without noise, or for a mode of a negative frequency, has eigenvalues too, and
 //! they look like any others.
 
-use super::design::{Scheme, ServoDesign};
+use super::design::{DesignBasis, Scheme, ServoDesign};
 use super::gain_adaptation::{FARTHEST, LARGEST_STEP};
 use super::model::ActuatorModel;
-use super::predictor::PredictorTuning;
 use super::sensor_lag::LARGEST_LAG_PERIODS;
+use super::tuning::{Demands, PredictorTuning};
 use std::ops::RangeInclusive;
 
 /// A value with its name in the file, and where it may lie.
@@ -113,6 +113,42 @@ fn of_model(m: &ActuatorModel) -> Vec<Bounded<'static>> {
     out
 }
 
+fn of_basis(basis: &DesignBasis) -> Vec<Bounded<'static>> {
+    let Demands {
+        reference_hz,
+        model_error_um,
+        sensor_noise_um,
+        sensitivity_peak,
+        ..
+    } = basis.demands;
+    let mut values = vec![
+        ("reference_hz of the basis", reference_hz, ABOVE_ZERO..=1e6),
+        (
+            "model_error_um of the basis",
+            model_error_um,
+            0.0..=FARTHEST_UM,
+        ),
+        (
+            "sensor_noise_um of the basis",
+            sensor_noise_um,
+            ABOVE_ZERO..=FARTHEST_UM,
+        ),
+        (
+            "sensitivity_peak of the basis",
+            sensitivity_peak,
+            1.0..=100.0,
+        ),
+        ("delay_s of the basis", basis.delay_s, 0.0..=1.0),
+    ];
+    for spread in std::iter::once(basis.first).chain(basis.second) {
+        values.extend([
+            ("frequency of a spread", spread.frequency, 0.0..=0.99),
+            ("damping of a spread", spread.damping, 0.0..=0.99),
+        ]);
+    }
+    values
+}
+
 impl ServoDesign {
     /// The first value that no servo has, with what was expected; `None` where all can be.
     #[must_use]
@@ -120,6 +156,9 @@ impl ServoDesign {
         let mut values = of_model(&self.model);
         if let Scheme::Predictor { tuning, .. } = &self.scheme {
             values.extend(of_tuning(tuning));
+        }
+        if let Some(basis) = &self.basis {
+            values.extend(of_basis(basis));
         }
         values.extend(self.sensor_noise_um.map(|noise_um| {
             (

@@ -69,6 +69,19 @@ pub fn fit_in(
         .unwrap_or_else(|_| vec![0.0; WINDOW])
 }
 
+/// Response of taps over the reference window at a frequency, Hz: what acts, over the reference of the same
+/// instant.
+#[must_use]
+pub fn taps_response(taps: &[f64], period_s: f64, hz: f64) -> Complex<f64> {
+    // Computed at a tick, it acts one period later.
+    let before = (WINDOW - PREVIEW_TICKS) as f64;
+    let step = std::f64::consts::TAU * hz * period_s;
+    taps.iter()
+        .enumerate()
+        .map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before)))
+        .sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -29,10 +29,7 @@ fn arrays_lead_to_a_verdict_a_better_model_and_a_servo() {
         lines[2].starts_with("The servo (") && lines.len() > 3,
         "{said}"
     );
-    assert!(
-        include_str!("../../../../examples/arrays_to_servo.rs")
-            .lines()
-            .count()
-            < 50
-    );
+    // As rustfmt's defaults wrap it.
+    let example = include_str!("../../../../examples/arrays_to_servo.rs");
+    assert!(example.lines().count() < 100);
 }

@@ -1,11 +1,11 @@
-//! Findings of a servo in sentences, the same on screens, in pages and in the lab.
+//! Findings of a servo in sentences, for screens, pages and the lab.
 
-use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
-use super::members::PlantBand;
-use super::order::OnPlants;
-use super::robust::decibels;
-use super::track::{SETTLED, StepFigures};
-use crate::statistics::extremes;
+use hysteron::servo::known::OnPlants;
+use hysteron::servo::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
+use hysteron::servo::members::PlantBand;
+use hysteron::servo::sampled_loop::decibels;
+use hysteron::servo::track::{SETTLED, StepFigures};
+use hysteron::statistics::extremes;
 
 fn in_nm(um: f64) -> String {
     format!("{:.2} nm", 1e3 * um)

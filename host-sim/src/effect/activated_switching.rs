@@ -1,0 +1,357 @@
+//! Thermally activated switching: loops, their dependence on the rate and creep, from one density.
+//!
+//! A domain wall whose barrier is `r` moves as soon as heat lifts it over what the drive leaves of the
+//! barrier. The play operator of that threshold then has no sharp edge: its position `z` follows the drive
+//! `x` with `z' = (2 k r / t_0) exp(-1/k) sinh((x - z) / (k r))`. The threshold at which it moves falls with
+//! the logarithm of the time that the drive leaves it, by the share `k`, so that loops widen with the rate
+//! and go on after the drive has stopped. What the positions of all thresholds give is a density over
+//! threshold and position, the Preisach model of play operators. One number, `k`, stands beside it.
+
+use crate::physics::*;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "activated_switching";
+
+/// Play operators that stand for the density. Eight more or less change the fitted error of a real stage by
+/// less than its repeats differ.
+const PLAYS: usize = 32;
+/// Largest threshold, in units of the drive range: those above half of it never close a loop, and those that
+/// the time of a drive lowers lie a tenth above what they act as.
+const LARGEST: f64 = 0.55;
+/// Functions of the threshold and of the position in which the density is written.
+const SIZES: usize = 5;
+const LEVELS: usize = 5;
+/// Powers of the part that has no memory.
+const REVERSIBLE: usize = 3;
+/// Time between two attempts over a barrier, s. Another one scales all thresholds.
+const ATTEMPT_S: f64 = 1e-4;
+/// How long a stage at rest has rested, s: another decade moves the positions by a share `k` of 2.3.
+const RESTED_S: f64 = 10.0;
+/// A play stands still if it would move by less than this share of `k r` in an interval.
+const STILL: f64 = 1e-12;
+
+/// Plays without sharp edges, and a density over threshold and position.
+pub struct ActivatedSwitching;
+
+/// How far plays go in an interval.
+#[derive(Clone, Copy)]
+struct Interval {
+    /// `1 - exp(-d)` and `1 + exp(-d)`, where `d` is the length in units of the time constant at rest.
+    lost: f64,
+    kept: f64,
+    /// Distance from the input, in units of `k r`, below which a play stands still.
+    still: f64,
+}
+
+impl Interval {
+    fn new(activation: f64, length_s: f64) -> Self {
+        let d = 2.0 * length_s / ATTEMPT_S * (-1.0 / activation).exp();
+        let lost = -(-d).exp_m1();
+        Self {
+            lost,
+            kept: 2.0 - lost,
+            still: (STILL / lost.max(f64::MIN_POSITIVE)).ln(),
+        }
+    }
+
+    /// Where a play of the width `k r` goes that stands at `z`, for a constant input: with `q = exp(-|x - z|
+    /// / (k r))` the solution of its equation is a ratio.
+    #[inline]
+    fn follow(&self, z: f64, x: f64, width: f64) -> f64 {
+        let distance = (x - z).abs() / width;
+        if distance < self.still {
+            return z;
+        }
+        let q = (-distance).exp();
+        let left = -((self.lost + q * self.kept) / (self.kept + q * self.lost)).ln();
+        x - (x - z).signum() * left.max(0.0) * width
+    }
+}
+
+/// A play operator.
+#[derive(Clone, Copy)]
+struct Play {
+    threshold: f64,
+    width: f64,
+    position: f64,
+    /// Weights of the functions of the threshold.
+    sizes: [f64; SIZES],
+}
+
+/// The play operators of a model, in units of the drive range above its lower limit.
+#[derive(Clone)]
+struct Plays {
+    plays: Vec<Play>,
+    interval: Interval,
+    rested: Interval,
+    activation: f64,
+    memory: f64,
+    range: DriveRange,
+}
+
+impl Plays {
+    fn new(model: &Model, activation: f64, memory: f64, dt_s: f64) -> Self {
+        // Closer together where they are small: small loops consist of them.
+        let threshold = |at: f64| LARGEST * (at / PLAYS as f64).powf(1.5);
+        let play = |j: usize| {
+            let (from, to) = (threshold(j as f64), threshold(j as f64 + 1.0));
+            let middle = threshold(j as f64 + 0.5);
+            let by_size = legendre::<SIZES>(2.0 * (middle / LARGEST).sqrt() - 1.0);
+            Play {
+                threshold: middle,
+                width: activation * middle,
+                position: 0.0,
+                sizes: by_size.map(|value| value * (to - from) / LARGEST),
+            }
+        };
+        Self {
+            plays: (0..PLAYS).map(play).collect(),
+            interval: Interval::new(activation, dt_s),
+            rested: Interval::new(activation, RESTED_S),
+            activation,
+            memory,
+            range: model.drive_range(),
+        }
+    }
+
+    fn step(&mut self, drive_v: f64) {
+        let (x, interval) = (self.range.share(drive_v), self.interval);
+        for play in &mut self.plays {
+            play.position = interval.follow(play.position, x, play.width);
+        }
+    }
+
+    fn positions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.plays.iter().map(|play| play.position)
+    }
+
+    /// At rest at a drive that was reached from the lower limit.
+    fn settle(&mut self, drive_v: f64) {
+        let (x, rested, memory) = (self.range.share(drive_v), self.rested, self.memory);
+        for play in &mut self.plays {
+            play.position = rested.follow(memory * play.threshold, x, play.width);
+        }
+    }
+}
+
+/// The first Legendre polynomials.
+fn legendre<const N: usize>(x: f64) -> [f64; N] {
+    let mut out = [1.0; N];
+    if N > 1 {
+        out[1] = x;
+    }
+    for n in 1..N.saturating_sub(1) {
+        let degree = n as f64;
+        out[n + 1] = ((2.0 * degree + 1.0) * x * out[n] - degree * out[n - 1]) / (degree + 1.0);
+    }
+    out
+}
+
+#[derive(Clone)]
+struct SwitchingStage {
+    plays: Plays,
+    reversible: [f64; REVERSIBLE],
+    /// Of each play what its position gives, by polynomial.
+    switching: Vec<[f64; LEVELS]>,
+    /// The drives of the last signal, and behind them where the plays stood, where another stage asks.
+    kept: Option<Vec<f64>>,
+}
+
+impl SwitchingStage {
+    fn new(from: &Build) -> Self {
+        let values = from.values;
+        let plays = Plays::new(from.model, values[0], values[1], from.setting.dt_s);
+        let value = |i: usize| values.get(i + 2).copied().unwrap_or(0.0);
+        let by_level = |play: &Play| -> [f64; LEVELS] {
+            std::array::from_fn(|level| {
+                let size = |i: usize| play.sizes[i] * value(REVERSIBLE + i * LEVELS + level);
+                (0..SIZES).map(size).sum()
+            })
+        };
+        Self {
+            kept: None,
+            switching: plays.plays.iter().map(by_level).collect(),
+            reversible: std::array::from_fn(value),
+            plays,
+        }
+    }
+
+    fn output(&self, drive_v: f64, positions: impl Iterator<Item = f64>) -> f64 {
+        let sum = |weights: &[f64], values: &[f64]| -> f64 {
+            weights.iter().zip(values).map(|(w, v)| w * v).sum()
+        };
+        let x = self.plays.range.share(drive_v);
+        let of_drive = legendre::<{ REVERSIBLE + 1 }>(2.0 * x - 1.0);
+        let switched = |(position, weights): (f64, &[f64; LEVELS])| {
+            let by_level = legendre::<{ LEVELS + 1 }>(2.0 * position - 1.0);
+            sum(weights, &by_level[1..])
+        };
+        sum(&self.reversible, &of_drive[1..])
+            + positions.zip(&self.switching).map(switched).sum::<f64>()
+    }
+}
+
+impl Stage for SwitchingStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        self.plays.step(input);
+        self.output(input, self.plays.positions())
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.plays.settle(input);
+        self.output(input, self.plays.positions())
+    }
+    fn run(&mut self, from: usize, signal: &mut [f64]) {
+        let mut kept = self.kept.take();
+        if let Some(kept) = &mut kept {
+            kept.clear();
+        }
+        for (k, value) in signal.iter_mut().enumerate() {
+            let drive_v = *value;
+            *value = self.step(from + k, drive_v);
+            if let Some(kept) = &mut kept {
+                kept.push(drive_v);
+                kept.extend(self.plays.positions());
+            }
+        }
+        self.kept = kept;
+    }
+    fn shared(&mut self) -> Option<&mut dyn SharedPart> {
+        Some(self)
+    }
+}
+
+impl SharedPart for SwitchingStage {
+    fn made_by(&self) -> Vec<f64> {
+        // Whatever the density, these make the positions.
+        vec![self.plays.activation, self.plays.memory]
+    }
+    fn keep(&mut self) {
+        self.kept = Some(Vec::new());
+    }
+    fn kept(&self) -> &[f64] {
+        self.kept.as_deref().unwrap_or_default()
+    }
+    fn run_with(&mut self, signal: &mut [f64], part: &[f64]) {
+        for (value, row) in signal.iter_mut().zip(part.chunks_exact(1 + PLAYS)) {
+            *value = self.output(row[0], row[1..].iter().copied());
+        }
+    }
+}
+
+impl Loops for SwitchingStage {}
+
+impl Effect for ActivatedSwitching {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: ID.into(),
+            physics: "Heat lifts domain walls over their barriers: loops widen with the logarithm of the rate, and switching goes on after the drive has stopped.".into(),
+            reference: "Smith, Seelecke, Dapino and Ounaies, J. Mech. Phys. Solids 54 (2006) 46-85; Mayergoyz, Mathematical Models of Hysteresis (1991)".into(),
+            experiment: "the same nested loops at rates two decades apart, each followed by a hold".into(),
+            picture: Picture {
+                against: Against::Rate,
+                caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
+            },
+            // Three times the values of the surfaces, which can take in other effects.
+            tried_for_loops: false,
+            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
+
+`y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) P_k(2 z_j - 1)` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^1.5 - (j / 32)^1.5`.
+
+Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `a = 1 - exp(-d)`, `b = 1 + exp(-d)` and `q = exp(-|X - z_j| / w_j)` the new distance is `w_j ln((b + q a) / (a + q b))`. Where `q > 1e12 a` the play stands still. At rest each play has followed `X` for 10 s from `memory r_j`.",
+            ..Declaration::of_loops()
+        }
+    }
+
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        let coefficient = |name: String| Parameter::linear(name, "um", -1e6, 1e6, step);
+        let reversible = (1..=REVERSIBLE).map(|i| format!("reversible_{i}_um"));
+        let switching = (0..SIZES)
+            .flat_map(|size| (1..=LEVELS).map(move |level| format!("switching_{size}_{level}_um")));
+        [
+            Parameter::logarithmic("activation", "1", 0.003, 0.2),
+            Parameter::linear("memory", "1", 0.0, 1.0, 0.02),
+        ]
+        .into_iter()
+        .chain(reversible.chain(switching).map(coefficient))
+        .collect()
+    }
+
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        // Half of the range to each side of its middle, a fifth of it by switching.
+        let scale = 0.5 * overview.gain_um_v * overview.drive_range_v();
+        let mut values = vec![0.0; 2 + REVERSIBLE + SIZES * LEVELS];
+        (values[0], values[1]) = (0.03, 1.0);
+        (values[2], values[2 + REVERSIBLE]) = (0.8 * scale, 0.2 * scale);
+        vec![values]
+    }
+
+    fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
+        Some(Box::new(SwitchingStage::new(from)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Oracle: the differential equation of one play in many small steps.
+        #[test]
+        fn an_interval_solves_the_equation_of_a_play(
+            activation in 0.02f64..0.15, threshold in 0.02f64..0.5, beyond in 0.8f64..1.3, length_exponent in -5.0f64..-1.0,
+        ) {
+            let (width, length_s) = (activation * threshold, 10f64.powf(length_exponent));
+            let rate = 2.0 * width / ATTEMPT_S * (-1.0 / activation).exp();
+            let x = beyond * threshold;
+            let mut z = 0.0;
+            let mut t = 0.0;
+            // Steps over which the distance changes by a thousandth of the width.
+            while t < length_s {
+                let speed = rate * ((x - z) / width).sinh();
+                let step = (1e-3 * width / speed.max(1e-300)).min(length_s - t);
+                let middle = z + 0.5 * step * speed;
+                z += step * rate * ((x - middle) / width).sinh();
+                t += step;
+                if step <= 1e-15 * length_s { break; }
+            }
+            let exact = Interval::new(activation, length_s).follow(0.0, x, width);
+            prop_assert!((exact - z).abs() < 1e-4 * width, "{exact} {z}");
+        }
+
+        #[test]
+        fn two_halves_of_an_interval_are_the_whole(
+            activation in 0.01f64..0.2, beyond in 0.0f64..3.0, length_exponent in -6.0f64..2.0,
+        ) {
+            let (width, length_s) = (0.3 * activation, 10f64.powf(length_exponent));
+            let half = Interval::new(activation, 0.5 * length_s);
+            let x = 0.3 * beyond;
+            let twice = half.follow(half.follow(0.0, x, width), x, width);
+            let once = Interval::new(activation, length_s).follow(0.0, x, width);
+            prop_assert!((twice - once).abs() < 1e-9 * width, "{twice} {once}");
+        }
+    }
+
+    /// Oracle: a play that moves steadily keeps a distance at which its speed is that of the drive.
+    #[test]
+    fn loops_widen_with_the_logarithm_of_the_rate() {
+        let (activation, threshold) = (0.03, 0.2);
+        let width = activation * threshold;
+        let lag = |rate: f64| {
+            let dt_s = 1e-3 * threshold / rate;
+            let interval = Interval::new(activation, dt_s);
+            let (mut x, mut z) = (0.0, 0.0);
+            for _ in 0..3000 {
+                x += rate * dt_s;
+                z = interval.follow(z, x, width);
+            }
+            x - z
+        };
+        let decade = lag(10.0) - lag(1.0);
+        assert!(
+            (decade - width * 10f64.ln()).abs() < 0.01 * width,
+            "{decade}"
+        );
+    }
+}
