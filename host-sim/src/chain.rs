@@ -10,19 +10,8 @@
 
 use crate::intersample::Intersample;
 use crate::physics::{AuxiliarySignal, Place, Setting, Signals, Stage};
-pub use crate::physics::{EffectInstance, Identified, Model, ParameterValue};
+pub use crate::physics::{EffectInstance, Identified, InitialState, Model, ParameterValue};
 use std::borrow::Cow;
-
-/// The state of the actuator at the first sample of a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum InitialState {
-    /// Never driven: all states zero at the lower limit of the drive.
-    Virgin,
-    /// At rest at the first drive value.
-    Settled,
-    /// Anything; slow states are estimated.
-    Unknown,
-}
 
 /// The drive of one record, as the chain sees it.
 #[derive(Clone, Copy, Debug)]

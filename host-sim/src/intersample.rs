@@ -60,9 +60,7 @@ impl Intersample {
     pub fn at_ends(self, drive_v: &[f64], substeps: usize) -> Vec<f64> {
         let last = drive_v.len().saturating_sub(1);
         let value = |k: isize| drive_v[k.clamp(0, last as isize) as usize];
-        let between: Vec<Vec<f64>> = (1..substeps)
-            .map(|part| self.weights(part as f64 / substeps as f64))
-            .collect();
+        let between = self.between(substeps);
         let mut out = Vec::with_capacity(drive_v.len() * substeps);
         for k in 0..drive_v.len() {
             let first = k as isize + 1 - (between.first().map_or(0, Vec::len) / 2) as isize;
@@ -85,6 +83,15 @@ impl Intersample {
             out.push(value(k as isize + 1));
         }
         out
+    }
+
+    /// Weights of the samples around each instant between two, where a period has so many sub-intervals; the
+    /// sample before the instant is the last of the first half.
+    #[must_use]
+    pub fn between(self, substeps: usize) -> Vec<Vec<f64>> {
+        (1..substeps)
+            .map(|part| self.weights(part as f64 / substeps as f64))
+            .collect()
     }
 
     /// Weights of the samples around an instant at this share of a period: as many before it as behind it.

@@ -26,6 +26,7 @@ pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
 pub mod intersample;
+pub mod law;
 pub mod linear_system;
 pub mod loop_inverse;
 mod loop_opening;

@@ -3,6 +3,7 @@
 pub mod independent_stage;
 pub mod measured;
 pub mod running_amplifier;
+pub mod saved_model;
 pub mod servo_study;
 
 use std::io::Write;

@@ -1,6 +1,5 @@
 //! Quantisation of the reading by the converter.
 
-use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -20,9 +19,6 @@ impl Stage for RoundStage {
         } else {
             input
         }
-    }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Round { step: self.lsb_um }])
     }
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PassedOn))

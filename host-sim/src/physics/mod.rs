@@ -5,6 +5,7 @@
 
 mod declaration;
 mod model;
+mod origin;
 mod recording;
 mod stage;
 
@@ -40,5 +41,6 @@ pub mod id {
 
 pub use declaration::*;
 pub use model::*;
+pub use origin::*;
 pub use recording::*;
 pub use stage::*;

@@ -1,6 +1,7 @@
 //! Effects and models: what an effect has to give, and a list of effects with values.
 
 use super::declaration::{Declaration, Parameter, Place, Scale};
+use super::origin::Identified;
 use super::recording::{LinesAtRest, Overview, Resonance, SimulatedStage};
 use super::stage::{DriveRange, FreeMotion, Loops, RestoringForce, Setting, Stage};
 use std::borrow::Cow;
@@ -259,25 +260,6 @@ impl EffectInstance {
             setting,
         })
     }
-}
-
-/// What a model was identified from, and how well its values are known together.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Identified {
-    /// The values, each by effect and parameter.
-    pub values: Vec<(String, String)>,
-    /// Lower triangular factor of their covariance in coordinates, by rows.
-    pub factor: Vec<Vec<f64>>,
-    /// The error that judged the model, um.
-    pub error_um: f64,
-    /// Longest record, s.
-    pub seconds: f64,
-    /// Lowest drive, V.
-    pub low_v: f64,
-    /// Highest drive, V.
-    pub high_v: f64,
-    /// Largest slope of the drive, V/s.
-    pub slope_max_v_s: f64,
 }
 
 /// A chain of effects with values: drive voltage in, sensor reading out.

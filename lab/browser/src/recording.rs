@@ -69,6 +69,7 @@ impl Said {
             skip_rows: self.skip_rows,
             timing: self.timing,
             intersample: self.intersample.map(Into::into),
+            rate_otherwise_hz: None,
         }
     }
 }

@@ -41,6 +41,7 @@ impl Served for OnDisk {
             skip_rows: in_page.skip_rows.or(self.instructions.skip_rows),
             timing: in_page.timing.or(self.instructions.timing),
             intersample: in_page.intersample.or(self.instructions.intersample),
+            rate_otherwise_hz: None,
         };
         let dataset = folder::load_as(&self.path, &instructions)?;
         let first = dataset.records.first().map(|record| record.source.clone());

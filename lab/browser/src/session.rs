@@ -12,6 +12,7 @@ use hysteron::identification::fit::{dot, residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identify::{Identification, add, identify};
+use hysteron::origin::read_as_recorded;
 use hysteron::servo::design::ServoDesign;
 use hysteron::spectrum::amplitude_density;
 use hysteron::synthetic::case::{CaseOrder, simulate_case};
@@ -246,7 +247,10 @@ impl LabSession {
             }
             Question::Load { text, name } => {
                 let model = model_file::from_toml(&text, &name)?;
-                if let Some(data) = &self.data {
+                if let Some(data) = &mut self.data {
+                    if let Some(dataset) = read_as_recorded(&model, &data.recording.dataset) {
+                        data.recording.dataset = dataset;
+                    }
                     require_finite(&model, &data.recording.dataset, &data.split.both())?;
                 }
                 Ok(Answer::of(answers::model(self.model.insert(model))))

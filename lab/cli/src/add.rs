@@ -29,7 +29,7 @@ pub fn add(
         ));
     };
     let model = desk.model(model)?;
-    let dataset = desk.dataset(path, reading)?;
+    let dataset = desk.dataset_beside(&model, path, reading)?;
     desk.target(Some(out))?;
     outputs.check(&desk, &dataset)?;
     let progress = Progress::of_search(false);

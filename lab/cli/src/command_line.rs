@@ -150,12 +150,18 @@ enum Command {
         /// CSV file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// Sampling rate of a waveform
-        #[arg(long, default_value_t = 20000.0)]
-        rate_hz: f64,
+        /// Where it begins: virgin, settled (at rest at the first drive), or as in a recording
+        /// [default: as the model's records did]
+        #[arg(long, value_name = "STATE|FILE")]
+        initial: Option<String>,
+        /// Sampling rate of a waveform [default: that of the model's records]
+        #[arg(long)]
+        rate_hz: Option<f64>,
         /// Replace the file if it exists
         #[arg(long)]
         force: bool,
+        #[command(flatten)]
+        reading: ReadArguments,
     },
     /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99),
     /// or its linear part as a state space
@@ -168,15 +174,21 @@ enum Command {
         /// matlab, python, c or state-space
         #[arg(long = "as", value_name = "LANGUAGE")]
         language: String,
-        /// Samples per second of the drive that the function takes
-        #[arg(long, default_value_t = 20000.0)]
-        rate_hz: f64,
+        /// Samples per second of the drive that the function takes [default: those of the model's records]
+        #[arg(long)]
+        rate_hz: Option<f64>,
+        /// Where it begins: virgin, settled (at rest at the first drive), or as in a recording
+        /// [default: as the model's records did]
+        #[arg(long, value_name = "STATE|FILE")]
+        initial: Option<String>,
         /// File to write; its name without the extension is that of the function [default: the model's name]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
         /// Replace the file if it exists
         #[arg(long)]
         force: bool,
+        #[command(flatten)]
+        reading: ReadArguments,
     },
     /// The lab page in your browser, with this program behind it; nothing leaves this machine
     #[command(after_help = "Examples:\n  hysteron lab\n  hysteron lab recording.mat")]
@@ -495,8 +507,14 @@ fn dispatch(command: Command) -> Result<bool> {
             diagnose::diagnose(&model, &dataset, &search, time, &reading, &outputs)
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
-        Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
-        Command::Export { model, language, rate_hz, out, force } => export::export(&model, &language, rate_hz, out.as_deref(), force),
+        Command::Simulate { model, drive, out, initial, rate_hz, force, reading } => {
+            let wanted = simulate::SimulateRequest { model: &model, drive: &drive, initial: initial.as_deref(), rate_hz };
+            simulate::simulate(&wanted, &reading, &out, force)
+        }
+        Command::Export { model, language, rate_hz, initial, out, force, reading } => {
+            let wanted = export::ExportRequest { model: &model, language: &language, rate_hz, initial: initial.as_deref() };
+            export::export(&wanted, &reading, out.as_deref(), force)
+        }
         #[cfg(feature = "lab")]
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         #[cfg(not(feature = "lab"))]

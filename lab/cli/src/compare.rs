@@ -26,7 +26,7 @@ pub fn compare(
     let started = Instant::now();
     let desk = Desk::new(outputs.files.force);
     let model = desk.model(model)?;
-    let dataset = desk.dataset(path, reading)?;
+    let dataset = desk.dataset_beside(&model, path, reading)?;
     outputs.check(&desk, &dataset)?;
     require_finite(
         &model,

@@ -93,7 +93,9 @@ pub fn design(
         None => block.map(|_| FrontEnd::default()),
     };
     let chain = desk.model(model)?;
-    let recording = data.map(|path| desk.dataset(path, reading)).transpose()?;
+    let recording = data
+        .map(|path| desk.dataset_beside(&chain, path, reading))
+        .transpose()?;
     let commands_file = block.map(beside);
     desk.target(Some(out))?;
     desk.target(block)?;

@@ -5,6 +5,8 @@ use crate::read_arguments::ReadArguments;
 use crate::screen;
 use crate::write_whole::write_whole;
 use hysteron::dataset::folder;
+use hysteron::dataset::reading::Instructions;
+use hysteron::origin::{dated, read_as_recorded};
 use hysteron::{Dataset, Error, Result, model_file};
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
@@ -61,7 +63,22 @@ impl Desk {
 
     /// A folder with `dataset.toml`, a manifest, or one file of numbers.
     pub fn dataset(&self, path: &Path, reading: &ReadArguments) -> Result<Dataset> {
-        let dataset = folder::load_as(path, &reading.instructions()?)?;
+        self.dataset_as(path, &reading.instructions()?)
+    }
+
+    /// The same as the records of a model were read, in all that nobody specifies.
+    pub fn dataset_beside(
+        &self,
+        model: &Model,
+        path: &Path,
+        reading: &ReadArguments,
+    ) -> Result<Dataset> {
+        let dataset = self.dataset_as(path, &reading.instructions_beside(model)?)?;
+        Ok(read_as_recorded(model, &dataset).unwrap_or(dataset))
+    }
+
+    fn dataset_as(&self, path: &Path, instructions: &Instructions) -> Result<Dataset> {
+        let dataset = folder::load_as(path, instructions)?;
         let sources =
             std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
         self.read
@@ -243,9 +260,25 @@ impl Desk {
     /// Writes a model, if a file is wanted.
     pub fn write_model(&self, path: Option<&Path>, model: &Model, data_set: &str) -> Result<()> {
         path.map_or(Ok(()), |path| {
-            self.write(path, model_file::to_toml(model, data_set)?.as_bytes())
+            let model = dated(model, today());
+            self.write(path, model_file::to_toml(&model, data_set)?.as_bytes())
         })
     }
+}
+
+/// The date, as `2026-11-28`, by the days since 1970 (H. Hinnant, chrono-compatible low-level date
+/// algorithms, 2013).
+fn today() -> String {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let days = since.map_or(0, |since| since.as_secs() / 86_400) + 719_468;
+    let (era, of_era) = (days / 146_097, days % 146_097);
+    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = year + 400 * era + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
 }
 
 /// The texts of a value in the units of the data set.

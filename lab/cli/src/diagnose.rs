@@ -24,7 +24,7 @@ pub fn diagnose(
     let desk = Desk::new(outputs.files.force);
     let options = search.options(&desk)?;
     let model = desk.model(model)?;
-    let dataset = desk.dataset(path, reading)?;
+    let dataset = desk.dataset_beside(&model, path, reading)?;
     outputs.check(&desk, &dataset)?;
     let files = &outputs.files;
     desk.target(files.next_drive().as_deref())?;

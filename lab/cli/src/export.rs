@@ -1,21 +1,41 @@
 //! `export`.
 
 use crate::desk::Desk;
+use crate::read_arguments::ReadArguments;
+use crate::simulate::{initial, way};
 use hysteron::Result;
-use hysteron::export::{Language, export as exported};
+use hysteron::export::{Language, export_from};
+use hysteron::origin::sample_rate_hz;
+use hysteron_sim::intersample::Intersample;
 use std::path::{Path, PathBuf};
+
+/// What is exported.
+pub struct ExportRequest<'a> {
+    /// The model.
+    pub model: &'a Path,
+    /// The language by its name.
+    pub language: &'a str,
+    /// Samples per second of the drive that the function takes.
+    pub rate_hz: Option<f64>,
+    /// Where it begins.
+    pub initial: Option<&'a str>,
+}
 
 /// Writes a model as a function of another language.
 pub fn export(
-    model: &Path,
-    language: &str,
-    rate_hz: f64,
+    wanted: &ExportRequest,
+    reading: &ReadArguments,
     out: Option<&Path>,
     force: bool,
 ) -> Result<bool> {
-    let desk = Desk::new(force);
-    let language = Language::named("--as", language)?;
+    let (desk, model) = (Desk::new(force), wanted.model);
+    let language = Language::named("--as", wanted.language)?;
     let read = desk.model(model)?;
+    let begins = initial(&desk, &read, wanted.initial, reading)?;
+    let (way, rate_hz) = (
+        way(&read, reading)?,
+        wanted.rate_hz.unwrap_or_else(|| sample_rate_hz(&read)),
+    );
     let out: PathBuf = out.map_or_else(
         || model.with_extension(language.extension()),
         Path::to_path_buf,
@@ -25,8 +45,17 @@ pub fn export(
         || "model".into(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    let text = exported(&read, language, rate_hz, &name)?;
+    let text = export_from(&read, language, rate_hz, &name, (&begins, way))?;
     desk.write(&out, text.as_bytes())?;
-    println!("{} for {rate_hz} samples per second", out.display());
+    println!(
+        "{} for {rate_hz} samples per second; {}",
+        out.display(),
+        way.in_words()
+    );
+    if language == Language::C && way.intersample == Intersample::BandLimited {
+        println!(
+            "  note: C runs straight between samples, since a band-limited drive depends on later ones"
+        );
+    }
     Ok(true)
 }

@@ -5,7 +5,7 @@ use hysteron::dataset::column_rules::ColumnRules;
 use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
 use hysteron::dataset::timing::{Timing, intersample_named};
-use hysteron::{Error, Result};
+use hysteron::{Error, Model, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -108,6 +108,17 @@ impl ReadArguments {
             },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
+            rate_otherwise_hz: None,
+        })
+    }
+
+    /// The same beside a model, whose records give the rate that a file lacks.
+    pub fn instructions_beside(&self, model: &Model) -> Result<Instructions> {
+        let known = model.identified.as_deref();
+        let rate = known.map(|known| known.recorded.sample_rate_hz);
+        Ok(Instructions {
+            rate_otherwise_hz: rate.filter(|rate| *rate > 0.0),
+            ..self.instructions()?
         })
     }
 }

@@ -1,82 +1,139 @@
 //! `simulate`.
 
 use crate::desk::Desk;
+use crate::read_arguments::ReadArguments;
 use crate::tables::say_notes;
-use hysteron::dataset::readers::{self, Hints};
-use hysteron::dataset::time_axis::{StampContext, TimeAxis};
-use hysteron::dataset::{column_rules::ColumnRules, recognise::time_and_drive};
+use hysteron::dataset::PlayedDrive;
+use hysteron::dataset::reading::drive_of_file;
 use hysteron::diagnosis::words::nm;
-use hysteron::{Error, Result, prediction};
-use hysteron_sim::chain::{Drive, InitialState};
+use hysteron::origin::{Initial, Way, sample_rate_hz};
+use hysteron::{Drive, Error, InitialState, Model, Result};
 use std::path::Path;
 
+/// What is simulated.
+pub struct SimulateRequest<'a> {
+    /// The model.
+    pub model: &'a Path,
+    /// A file or a waveform.
+    pub drive: &'a str,
+    /// Where it begins.
+    pub initial: Option<&'a str>,
+    /// Sampling rate of a waveform.
+    pub rate_hz: Option<f64>,
+}
+
 /// Simulates a model.
-pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool) -> Result<bool> {
+pub fn simulate(
+    wanted: &SimulateRequest,
+    reading: &ReadArguments,
+    out: &Path,
+    force: bool,
+) -> Result<bool> {
     let desk = Desk::new(force);
-    let model = desk.model(model)?;
-    let path = Path::new(drive);
-    let (t_s, drive_v, dt_s) = if path.is_file() {
-        let table = readers::read(drive, &desk.bytes(path, "a drive")?, Hints::default())?;
-        let (t_s, u_v) = time_and_drive(&table, &ColumnRules::default())?;
-        // A drive is played as it is: uneven stamps are an error.
-        let known = StampContext {
-            place: drive,
-            line_of: &|row| table.line_of(row),
-            sample_rate_hz: None,
-            resample: Some(false),
-        };
-        let axis = TimeAxis::from_stamps(&t_s, &known)?;
-        (t_s, u_v, 1.0 / axis.sample_rate_hz)
+    let model = desk.model(wanted.model)?;
+    let drive = wanted.drive;
+    let played = if Path::new(drive).is_file() {
+        played(&desk, &model, Path::new(drive), "a drive", reading)?
     } else {
+        let rate_hz = wanted.rate_hz.unwrap_or_else(|| sample_rate_hz(&model));
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(Error::new("--rate-hz", "expected a positive number"));
         }
-        let u_v = waveform(drive, rate_hz, model.drive_min_v)?;
-        (
-            (0..u_v.len()).map(|k| k as f64 / rate_hz).collect(),
-            u_v,
-            1.0 / rate_hz,
-        )
+        PlayedDrive {
+            file: drive.to_owned(),
+            sample_rate_hz: rate_hz,
+            drive_v: waveform(drive, rate_hz, model.drive_min_v)?,
+            ..PlayedDrive::default()
+        }
     };
+    let initial = initial(&desk, &model, wanted.initial, reading)?;
     desk.target(Some(out))?;
-    let driven = Drive::held(&drive_v, dt_s, InitialState::Virgin);
-    let y = hysteron::simulate::simulate(&model, &driven, &format!("--drive {drive}"))?;
-    let std_um = prediction::std_um(&model, &driven);
+    let way = way(&model, reading)?;
+    let place = format!("--drive {drive}");
+    let rows = Drive::held(
+        &played.drive_v,
+        1.0 / played.sample_rate_hz,
+        InitialState::Virgin,
+    );
+    let (predicted, begins) = initial.predict(&model, &played.file, &rows, way, &place)?;
+    let band = &predicted.half_band_um;
     let mut text = format!(
         "t_s,u_v,y_um{}\n",
-        if std_um.is_some() {
+        if band.is_some() {
             ",low_um,high_um"
         } else {
             ""
         }
     );
-    for (k, ((t, u), y)) in t_s.iter().zip(&drive_v).zip(&y).enumerate() {
-        text.push_str(&format!("{t:.9},{u:.6},{y:.6}"));
-        if let Some(std_um) = &std_um {
-            let half_um = prediction::BAND_95 * std_um[k];
+    let seconds = |k: usize| played.start_s + k as f64 / played.sample_rate_hz;
+    for (k, (u, y)) in played.drive_v.iter().zip(&predicted.reading_um).enumerate() {
+        text.push_str(&format!("{:.9},{u:.6},{y:.6}", seconds(k)));
+        if let Some(half_um) = band.as_ref().map(|band| band[k]) {
             text.push_str(&format!(",{:.6},{:.6}", y - half_um, y + half_um));
         }
         text.push('\n');
     }
     desk.write(out, text.as_bytes())?;
-    println!("{} samples in {}", y.len(), out.display());
-    if let Some(std_um) = &std_um {
-        let widest = std_um
-            .iter()
-            .copied()
-            .enumerate()
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or_default();
-        let last = std_um.last().copied().unwrap_or(0.0);
+    println!("{} samples in {}", played.drive_v.len(), out.display());
+    println!("{begins}; {}", way.in_words());
+    if let Some(band) = band {
+        let widest = (0..band.len())
+            .max_by(|a, b| band[*a].total_cmp(&band[*b]))
+            .unwrap_or(0);
         println!(
             "95 % band: +-{} nm at the end, +-{} nm where it is widest ({:.3} s)",
-            nm(prediction::BAND_95 * last),
-            nm(prediction::BAND_95 * widest.1),
-            t_s[widest.0]
+            nm(band.last().copied().unwrap_or(0.0)),
+            nm(band.get(widest).copied().unwrap_or(0.0)),
+            seconds(widest)
         );
     }
-    say_notes(&prediction::beyond(&model, &driven));
+    say_notes(played.notes.iter().chain(&predicted.remarks));
     Ok(true)
+}
+
+fn played(
+    desk: &Desk,
+    model: &Model,
+    path: &Path,
+    expected: &str,
+    reading: &ReadArguments,
+) -> Result<PlayedDrive> {
+    let instructions = reading.instructions_beside(model)?;
+    drive_of_file(
+        &path.display().to_string(),
+        &desk.bytes(path, expected)?,
+        &instructions,
+    )
+}
+
+/// Where a simulation begins, by what is typed: a state, or a recording that begins so.
+pub fn initial(
+    desk: &Desk,
+    model: &Model,
+    said: Option<&str>,
+    reading: &ReadArguments,
+) -> Result<Initial> {
+    let Some(said) = said else {
+        return Ok(Initial::AsRecorded);
+    };
+    if let Some(initial) = Initial::named(said) {
+        return Ok(initial);
+    }
+    let path = Path::new(said);
+    if !path.is_file() {
+        return Err(Error::new(
+            "--initial",
+            format!("`{said}`; expected virgin, settled, or a recording that begins so"),
+        ));
+    }
+    let recording = played(desk, model, path, "a recording", reading)?;
+    Initial::like(model, &recording, way(model, reading)?)
+}
+
+/// When the drive acts: as it is typed, else as in the records of the model.
+pub fn way(model: &Model, reading: &ReadArguments) -> Result<Way> {
+    let typed = reading.instructions()?;
+    Ok(Way::told(model, typed.timing, typed.intersample))
 }
 
 /// Longest waveform.

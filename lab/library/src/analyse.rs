@@ -25,6 +25,7 @@ use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
+use crate::origin::{note_origin, read_as_recorded};
 use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
 use crate::parallel;
 use crate::quality::{self, End, Issue, Moment, Severity};
@@ -113,12 +114,20 @@ pub fn analyse(
         require_chain(effects, dataset)?;
     }
     require_signals(&options.own, dataset)?;
+    let as_recorded = match &start {
+        Start::Model(model) => read_as_recorded(model, dataset),
+        Start::Effects(_) => None,
+    };
+    let dataset = as_recorded.as_ref().unwrap_or(dataset);
     let found = once(dataset, start.clone(), options, watch)?;
     let Some(corrected) = found
         .retry
         .filter(|_| !found.outcome.stopped && !watch.searched_enough())
     else {
-        return Ok(found.outcome);
+        return Ok(Outcome {
+            corrected: as_recorded,
+            ..found.outcome
+        });
     };
     watch.event(&WatchEvent::Doing("once more, on the corrected data set"));
     let again = once(&corrected, start, options, watch)?.outcome;
@@ -174,6 +183,7 @@ fn to_the_whole(
         let fitted = fit_rows(&outcome.model, dataset, &rows, WHOLE).model;
         require_finite(&fitted, dataset, &outcome.split.both())?;
         outcome.model = fitted;
+        note_origin(&mut outcome.model, dataset, &outcome.split.identify);
     }
     found.retry = found
         .retry

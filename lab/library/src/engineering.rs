@@ -104,22 +104,24 @@ impl Figure {
         match (self.value, self.std.filter(|std| *std > 0.0)) {
             (None, _) => "not determined by this data".into(),
             (Some(value), None) => format!("{}{unit}", four(value)),
-            (Some(value), Some(std)) => {
-                // Two figures of the deviation, and the value to the same place.
-                let place = std.abs().log10().floor() as i32 - 1;
-                if (-9..0).contains(&place) {
-                    let decimals = place.unsigned_abs() as usize;
-                    format!("{value:.decimals$} +- {std:.decimals$}{unit}")
-                } else {
-                    format!("{} +- {}{unit}", four(value), four(std))
-                }
-            }
+            (Some(value), Some(std)) => format!("{}{unit}", with_deviation(value, std)),
         }
     }
 }
 
+/// Two figures of the deviation, and the value to the same place.
+pub(crate) fn with_deviation(value: f64, std: f64) -> String {
+    let place = std.abs().log10().floor() as i32 - 1;
+    if (-9..0).contains(&place) {
+        let decimals = place.unsigned_abs() as usize;
+        format!("{value:.decimals$} +- {std:.decimals$}")
+    } else {
+        format!("{} +- {}", four(value), four(std))
+    }
+}
+
 /// A value with four figures.
-fn four(value: f64) -> String {
+pub(crate) fn four(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }

@@ -74,6 +74,8 @@ pub mod least_squares;
 #[doc(hidden)]
 pub mod model_file;
 #[doc(hidden)]
+pub mod origin;
+#[doc(hidden)]
 pub mod outcome;
 #[doc(hidden)]
 mod parallel;

@@ -1,11 +1,15 @@
 //! Models as files: a chain of effects that a person can read and edit, with units and standard deviations
 //! beside every value.
 
+use crate::dataset::timing::{Timing, intersample_named};
 use crate::error::{Error, Result, nearest};
+use crate::origin::timing_of;
 use crate::toml_file::with_schema;
-use hysteron_sim::chain::{EffectInstance, Identified, Model, ParameterValue};
+use hysteron_sim::chain::{EffectInstance, Identified, InitialState, Model, ParameterValue};
 use hysteron_sim::effect::expression::ExpressionEffect;
-use hysteron_sim::effect::{Effect, Overview, Parameter, Scale, by_id, registry};
+use hysteron_sim::effect::{Effect, FreeMotion, Overview, Parameter, Scale, by_id, registry};
+use hysteron_sim::intersample::Intersample;
+use hysteron_sim::physics::{RecordStart, Recorded};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -36,22 +40,125 @@ struct IdentifiedEntry {
     low_v: f64,
     high_v: f64,
     slope_max_v_s: f64,
+    #[serde(default)]
+    band_95: f64,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    fitted_on: String,
+    #[serde(default)]
+    sample_rate_hz: f64,
+    #[serde(default = "timing_by_default")]
+    timing: String,
+    #[serde(default = "intersample_by_default")]
+    intersample: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensor_lsb_um: Option<f64>,
     /// Effect and parameter of each value, separated by a dot.
     values: Vec<String>,
     /// Lower triangular factor of the covariance of the values in units of their steps, of their logarithm
     /// where ratios matter.
     covariance_factor: Vec<String>,
+    #[serde(default)]
+    start: Vec<StartEntry>,
+}
+
+/// How a file of the records begins; a motion is a text of decay, 1/s, angular frequency, rad/s, cosine and
+/// sine, um.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StartEntry {
+    file: String,
+    drive_v: f64,
+    state: String,
+    offset: String,
+    offset_um: f64,
+    motions: Vec<String>,
+}
+
+fn timing_by_default() -> String {
+    Timing::default().name().to_owned()
+}
+
+fn intersample_by_default() -> String {
+    Intersample::default().name().to_owned()
+}
+
+/// Numbers as one text, with so many digits behind the point.
+fn row(values: &[f64], digits: usize) -> String {
+    let texts: Vec<String> = values.iter().map(|v| format!("{v:.digits$e}")).collect();
+    texts.join(" ")
+}
+
+/// The numbers of a text; none where one is no number.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
+    text.split_whitespace().map(number).collect()
+}
+
+impl StartEntry {
+    fn of(start: &RecordStart) -> Self {
+        let motion = |(m, [cosine, sine]): &(FreeMotion, [f64; 2])| {
+            row(&[m.decay_per_s, m.frequency_rad_s, *cosine, *sine], 12)
+        };
+        Self {
+            file: start.file.clone(),
+            drive_v: start.drive_v,
+            state: start.state.name().into(),
+            offset: if start.offset_is_fitted {
+                "fit"
+            } else {
+                "zero"
+            }
+            .into(),
+            offset_um: start.offset_um,
+            motions: start.motions.iter().map(motion).collect(),
+        }
+    }
+
+    fn read(self) -> std::result::Result<RecordStart, String> {
+        let motion = |text: &String| match numbers(text).as_deref() {
+            Some([decay_per_s, frequency_rad_s, cosine_um, sine_um]) => Ok((
+                FreeMotion {
+                    decay_per_s: *decay_per_s,
+                    frequency_rad_s: *frequency_rad_s,
+                },
+                [*cosine_um, *sine_um],
+            )),
+            _ => Err(format!("`{text}` is no motion; expected four numbers")),
+        };
+        if !(self.drive_v.is_finite() && self.offset_um.is_finite()) {
+            return Err("a figure is no number".into());
+        }
+        Ok(RecordStart {
+            drive_v: self.drive_v,
+            state: InitialState::named(&self.state)
+                .ok_or_else(|| format!("`{}`; expected virgin, settled or unknown", self.state))?,
+            offset_is_fitted: match self.offset.as_str() {
+                "fit" => true,
+                "zero" => false,
+                other => return Err(format!("offset = `{other}`; expected fit or zero")),
+            },
+            offset_um: self.offset_um,
+            motions: self
+                .motions
+                .iter()
+                .map(motion)
+                .collect::<std::result::Result<_, _>>()?,
+            file: self.file,
+        })
+    }
 }
 
 impl IdentifiedEntry {
     fn of(known: &Identified) -> Self {
-        let row = |row: &Vec<f64>| {
-            row.iter()
-                .map(|v| format!("{v:.6e}"))
-                .collect::<Vec<_>>()
-                .join(" ")
-        };
+        let recorded = &known.recorded;
         Self {
+            band_95: known.band_95,
+            fitted_on: recorded.fitted_on.clone(),
+            sample_rate_hz: recorded.sample_rate_hz,
+            timing: timing_of(recorded).name().into(),
+            intersample: recorded.intersample.name().into(),
+            sensor_lsb_um: recorded.sensor_lsb_um,
+            start: recorded.starts.iter().map(StartEntry::of).collect(),
             error_um: known.error_um,
             seconds: known.seconds,
             low_v: known.low_v,
@@ -62,11 +169,11 @@ impl IdentifiedEntry {
                 .iter()
                 .map(|(effect, parameter)| format!("{effect}.{parameter}"))
                 .collect(),
-            covariance_factor: known.factor.iter().map(row).collect(),
+            covariance_factor: known.factor.iter().map(|values| row(values, 6)).collect(),
         }
     }
 
-    fn read(self, file_name: &str) -> Result<Identified> {
+    fn read(self, file_name: &str, data_set: &str) -> Result<Identified> {
         let wrong = |what: &str| Error::new(file_name, format!("[identified] {what}"));
         let split = |value: &String| {
             value
@@ -75,40 +182,62 @@ impl IdentifiedEntry {
         };
         let values: Option<Vec<(String, String)>> = self.values.iter().map(split).collect();
         let values = values.ok_or_else(|| wrong("values: expected effect.parameter each"))?;
-        let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
         let rows: Option<Vec<Vec<f64>>> = self
             .covariance_factor
             .iter()
-            .map(|row| row.split_whitespace().map(number).collect())
+            .map(|row| numbers(row))
             .collect();
         let factor = rows.filter(|rows| {
             rows.len() == values.len() && rows.iter().enumerate().all(|(i, row)| row.len() == i + 1)
         });
         let factor =
             factor.ok_or_else(|| wrong("covariance_factor: expected as many rows as values, the first of one number, each of one more"))?;
-        let Self {
+        let place = format!("{file_name}: [identified]");
+        let recorded = Recorded {
+            data_set: data_set.to_owned(),
+            fitted_on: self.fitted_on,
+            sample_rate_hz: self.sample_rate_hz,
+            hold_before_sample: Timing::named(&place, &self.timing)? == Timing::HoldBeforeSample,
+            intersample: intersample_named(&place, &self.intersample)?,
+            sensor_lsb_um: self.sensor_lsb_um,
+            starts: (self.start.into_iter().map(StartEntry::read))
+                .collect::<std::result::Result<_, _>>()
+                .map_err(|what| wrong(&format!("start: {what}")))?,
+        };
+        let out = Identified {
+            values,
+            factor,
+            error_um: self.error_um,
+            band_95: self.band_95,
+            seconds: self.seconds,
+            low_v: self.low_v,
+            high_v: self.high_v,
+            slope_max_v_s: self.slope_max_v_s,
+            recorded,
+        };
+        let Identified {
             error_um,
+            band_95,
             seconds,
             low_v,
             high_v,
             slope_max_v_s,
             ..
-        } = self;
-        if ![error_um, seconds, low_v, high_v, slope_max_v_s]
-            .into_iter()
-            .all(f64::is_finite)
-        {
-            return Err(wrong("a figure is no number"));
-        }
-        Ok(Identified {
-            values,
-            factor,
+        } = out;
+        let rate_hz = out.recorded.sample_rate_hz;
+        let figures = [
             error_um,
+            band_95,
             seconds,
             low_v,
             high_v,
             slope_max_v_s,
-        })
+            rate_hz,
+        ];
+        if !figures.into_iter().all(f64::is_finite) {
+            return Err(wrong("a figure is no number"));
+        }
+        Ok(out)
     }
 }
 
@@ -211,7 +340,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);
     let identified = file
         .identified
-        .map(|entry| entry.read(file_name))
+        .map(|entry| entry.read(file_name, &file.data_set))
         .transpose()?;
     for entry in file.effect {
         let place = format!("{file_name}: effect {}", entry.id);

@@ -130,7 +130,7 @@ pub fn replays(model: &Model, dataset: &Dataset) -> Vec<Replay> {
 }
 
 /// Records by the file that they are parts of: those of one source with the same signals.
-fn files(dataset: &Dataset) -> Vec<Vec<usize>> {
+pub(crate) fn files(dataset: &Dataset) -> Vec<Vec<usize>> {
     let mut out: Vec<Vec<usize>> = Vec::new();
     let same = |a: &Record, b: &Record| {
         a.source == b.source
@@ -156,7 +156,7 @@ fn files(dataset: &Dataset) -> Vec<Vec<usize>> {
 }
 
 /// The whole file of some records, with what counts nowhere left out of it.
-fn whole(dataset: &Dataset, records: &[usize]) -> Record {
+pub(crate) fn whole(dataset: &Dataset, records: &[usize]) -> Record {
     let first = &dataset.records[records[0]];
     let name = first.source.rsplit(['/', '\\']).next().unwrap_or_default();
     let mut whole = Record {

@@ -3,6 +3,7 @@
 use crate::diagnosis::judgement::first_not_finite;
 use crate::error::{Error, Result};
 use hysteron_sim::chain::{Drive, Model};
+use hysteron_sim::effect::{hysteresis, inverse_preisach, two_sided};
 
 /// How far a drive may lie outside the limits of a model, as a share of their range: limits are often what a
 /// converter of 12 bits read of the commanded ones, half a step too low.
@@ -12,17 +13,19 @@ const TOLERANCE: f64 = 0.5 / 4096.0;
 /// messages.
 ///
 /// # Errors
-/// A drive that leaves the range for which the model holds, or is no number; a signal that an effect takes
+/// A drive that leaves the range in which free surfaces hold, or is no number; a signal that an effect takes
 /// part of and that is not there; a model that gives something that is no number, with effect and sample.
 /// ```
 /// use hysteron::{Drive, EffectInstance, InitialState, Model, Overview, effect_named, simulate};
 ///
 /// let mut model = Model::new(0.0, 100.0);
-/// model.add(EffectInstance::new(effect_named("gain")?, &Overview::without_data(0.0, 100.0), &[0.1]));
+/// let overview = Overview::without_data(0.0, 100.0);
+/// model.add(EffectInstance::new(effect_named("gain")?, &overview, &[0.1]));
 /// let step_v = [0.0, 50.0, 50.0];
 /// let reading_um = simulate(&model, &Drive::held(&step_v, 1e-3, InitialState::Virgin), "a step")?;
 /// assert!((reading_um[2] - 5.0).abs() < 1e-12);
-/// // A drive that the model does not hold for is refused.
+/// // Free surfaces end where the drive of their records did: a drive beyond is refused.
+/// model.add(EffectInstance::new(effect_named("hysteresis")?, &overview, &[10.0]));
 /// assert!(simulate(&model, &Drive::held(&[120.0], 1e-3, InitialState::Virgin), "too high").is_err());
 /// # Ok::<(), hysteron::Error>(())
 /// ```
@@ -35,7 +38,11 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
         .iter()
         .copied()
         .filter(|u| !(low - tolerance_v..=high + tolerance_v).contains(u));
-    if let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b))) {
+    // All other structures go on as they do inside.
+    let ends = [hysteresis::ID, two_sided::ID, inverse_preisach::ID];
+    if ends.into_iter().any(|id| model.effect(id).is_some())
+        && let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b)))
+    {
         // Rounded away from the limit: it must not look as if it were inside.
         let reached = if farthest > high {
             (1e3 * farthest).ceil()
@@ -44,7 +51,9 @@ pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
         } / 1e3;
         return Err(Error::new(
             place,
-            format!("reaches {reached} V; the model holds from {low} to {high} V"),
+            format!(
+                "reaches {reached} V; the model holds from {low} to {high} V, where the free surfaces of its loops end"
+            ),
         ));
     }
     let needed = model.effects.iter().flat_map(|e| {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Literal, Mapping
 
@@ -49,11 +50,18 @@ class Model:
 
     def to_toml(self) -> str:
         """The text of its file."""
-        return self._native.to_toml()
+        return self._native.to_toml(datetime.now(timezone.utc).date().isoformat())
 
-    def export(self, path: PathLike, language: Literal["matlab", "python", "c", "state-space"], sample_rate_hz: float = 20000.0) -> None:
-        """Writes a function that simulates the model elsewhere; it is called as the file is. ``state-space`` is the linear part with uncertainty, as JSON."""
-        write_whole(path, self._native.export(language, float(sample_rate_hz), Path(path).stem))
+    def export(
+        self, path: PathLike, language: Literal["matlab", "python", "c", "state-space"], sample_rate_hz: float | None = None, *,
+        initial_state: Literal["virgin", "settled"] | None = None,
+    ) -> None:
+        """Writes a function that simulates the model elsewhere; it is called as the file is. ``state-space`` is the linear part with uncertainty, as JSON.
+
+        Rate and beginning are those of the model's records where nothing else is said.
+        """
+        rate = None if sample_rate_hz is None else float(sample_rate_hz)
+        write_whole(path, self._native.export(language, rate, Path(path).stem, initial_state))
 
     @property
     def effects(self) -> list[str]:
@@ -72,10 +80,11 @@ class Model:
 
     def simulate(
         self, drive_v: ArrayLike, sample_rate_hz: float, *, force_n: ArrayLike | None = None,
-        auxiliary: Mapping[str, ArrayLike] | None = None, initial_state: Literal["virgin", "settled"] = "virgin",
+        auxiliary: Mapping[str, ArrayLike] | None = None, initial_state: Literal["virgin", "settled"] | None = None,
     ) -> NDArray[np.float64]:
-        """What the sensor would read under a drive, um: from rest at the lower limit ("virgin") or at the first drive ("settled").
+        """What the sensor would read under a drive, um: as the records of the model begin, or from rest at the lower limit ("virgin") or at the first drive ("settled").
 
+        The drive acts and runs between samples as that of the records did. Rounding by the sensor is left out.
         ``auxiliary`` holds the signals that own effects of the model take part of.
         """
         force = None if force_n is None else to_bytes(force_n, "force_n")

@@ -273,6 +273,7 @@ impl Dataset {
             skip_rows,
             timing,
             intersample,
+            rate_otherwise_hz: None,
         };
         Ok(Self(Arc::new(
             py.detach(|| folder::load_as(&path, &instructions))

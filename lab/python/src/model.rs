@@ -3,10 +3,11 @@
 use crate::at_work::at_work;
 use crate::dataset::{Dataset, auxiliary_signals, initial_state};
 use crate::{bytes, numbers, raised, wrong};
-use hysteron::export::{Language, export};
+use hysteron::export::{Language, export_from};
 use hysteron::identification::fit;
 use hysteron::model_file;
-use hysteron_sim::chain::{Drive, EffectInstance};
+use hysteron::origin::{self, Initial, Way};
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::PyBytes;
@@ -34,6 +35,14 @@ fn parameters_of(effect: &EffectInstance) -> impl Iterator<Item = Parameter> {
     })
 }
 
+/// Where a simulation begins. At an unknown state nothing can: the first two of the words.
+fn begins(place: &str, state: Option<&str>) -> PyResult<Initial> {
+    match state {
+        Some(state) => Ok(Initial::State(initial_state(place, state, 2)?)),
+        None => Ok(Initial::AsRecorded),
+    }
+}
+
 #[pymethods]
 impl Model {
     #[staticmethod]
@@ -44,13 +53,25 @@ impl Model {
         })
     }
 
-    fn to_toml(&self) -> PyResult<String> {
-        model_file::to_toml(&self.model, &self.data_set).map_err(raised)
+    /// Its file; `today` is the date of a fit that has none yet.
+    fn to_toml(&self, today: String) -> PyResult<String> {
+        model_file::to_toml(&origin::dated(&self.model, today), &self.data_set).map_err(raised)
     }
 
-    fn export(&self, language: &str, sample_rate_hz: f64, name: &str) -> PyResult<String> {
+    fn export(
+        &self,
+        language: &str,
+        sample_rate_hz: Option<f64>,
+        name: &str,
+        state: Option<&str>,
+    ) -> PyResult<String> {
         let language = Language::named("language", language).map_err(raised)?;
-        export(&self.model, language, sample_rate_hz, name).map_err(raised)
+        let rate_hz = sample_rate_hz.unwrap_or_else(|| origin::sample_rate_hz(&self.model));
+        let begins = (
+            &begins("export", state)?,
+            Way::told(&self.model, None, None),
+        );
+        export_from(&self.model, language, rate_hz, name, begins).map_err(raised)
     }
 
     fn effects(&self) -> Vec<String> {
@@ -72,10 +93,9 @@ impl Model {
         force_n: Option<PyBackedBytes>,
         auxiliary: BTreeMap<String, PyBackedBytes>,
         sample_rate_hz: f64,
-        state: &str,
+        state: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
-        // At an unknown state nothing can begin: the first two of the words.
-        let initial_state = initial_state("simulate", state, 2)?;
+        let initial = begins("simulate", state)?;
         if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
             return Err(wrong(
                 "simulate",
@@ -100,12 +120,13 @@ impl Model {
         let drive = Drive {
             force_n: force_n.as_deref(),
             auxiliary: &beside,
-            ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state)
+            ..Drive::held(&drive_v, 1.0 / sample_rate_hz, InitialState::Virgin)
         };
-        let read = at_work(py, None, |_| {
-            hysteron::simulate::simulate(&self.model, &drive, "drive_v")
+        let way = Way::told(&self.model, None, None);
+        let (predicted, _) = at_work(py, None, |_| {
+            initial.predict(&self.model, "drive_v", &drive, way, "drive_v")
         })?;
-        Ok(bytes(py, &read))
+        Ok(bytes(py, &predicted.reading_um))
     }
 
     /// Measured less modelled inside the window of a record.

@@ -9,6 +9,7 @@ use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::figures::{FitFigures, fit_figures};
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
+use hysteron::origin::read_as_recorded;
 use hysteron::servo::commands::design_with_expected_errors;
 use hysteron::servo::order::DesignOrder;
 use hysteron_report::{comparison_report, explain_page, explain_report};
@@ -105,7 +106,7 @@ fn searched(
         let figures = found.figures(dataset, started.elapsed().as_secs_f64());
         Ok(Outcome {
             model: found.model.clone(),
-            dataset: Arc::clone(dataset),
+            dataset: Arc::new(found.dataset(dataset).clone()),
             figures,
             found: Some(Box::new(found)),
         })
@@ -142,6 +143,12 @@ pub fn explain(
 ) -> PyResult<Outcome> {
     let effects = effects_of(effects)?;
     searched(py, dataset, Start::Effects(&effects), own, progress)
+}
+
+/// The data set as the records of a model were read, in all that nobody specified.
+fn as_recorded(model: &Model, dataset: &Dataset) -> Dataset {
+    let read = read_as_recorded(&model.model, &dataset.0);
+    Dataset(read.map_or_else(|| Arc::clone(&dataset.0), Arc::new))
 }
 
 /// The main job from a model as it is.
@@ -186,6 +193,7 @@ pub fn add(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Outcome> {
     let effect = effects_of(vec![effect])?;
+    let dataset = &as_recorded(model, dataset);
     fitted(py, dataset, progress, |told| {
         add_effect(&effect[0], model.model.clone(), &dataset.0, told)
     })
@@ -194,7 +202,8 @@ pub fn add(
 /// A model as it is.
 #[pyfunction]
 pub fn compare(py: Python<'_>, model: &Model, dataset: &Dataset) -> PyResult<Outcome> {
-    let (model, dataset, started) = (model.model.clone(), &dataset.0, Instant::now());
+    let (dataset, started) = (&as_recorded(model, dataset).0, Instant::now());
+    let model = model.model.clone();
     at_work(py, None, |_| {
         require_finite(
             &model,
@@ -229,7 +238,8 @@ pub fn design(
     sensor_bandwidth_hz: Option<f64>,
     sensitivity_peak: Option<f64>,
 ) -> PyResult<(String, String)> {
-    let recording = dataset.map(|dataset| dataset.0.as_ref());
+    let dataset = dataset.map(|dataset| as_recorded(model, dataset));
+    let recording = dataset.as_ref().map(|dataset| dataset.0.as_ref());
     let usual = DesignOrder::default();
     let order = DesignOrder {
         reference_hz,

@@ -7,6 +7,7 @@ mod main_job;
 mod noise_floors;
 mod real_recordings;
 mod report_page;
+mod saved_model;
 mod score;
 mod servo_from_data;
 mod servo_loop;

@@ -15,7 +15,7 @@ use hysteron_emulator::converters::{SharedWorld, World};
 use hysteron_emulator::run::{
     Injection, MILLISECOND, Outcome, Script, bench_envelope, envelope_bytes, run,
 };
-use hysteron_sim::bench::{Bench, Variant};
+use hysteron_sim::bench::Bench;
 use hysteron_sim::closed_loop::Plant;
 use rigless::machine::Crystal;
 

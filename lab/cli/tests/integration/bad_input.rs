@@ -299,10 +299,36 @@ fn what_is_said_of_columns_is_one_of_them() {
 #[test]
 fn drives_out_of_reach_and_waveforms_without_end() {
     let folder = folder_with_model();
+    let loops = [
+        "identify",
+        ".",
+        "--effects",
+        "hysteresis",
+        "--out",
+        "h.toml",
+    ];
+    assert!(hysteron(&loops, folder.path()).status.success());
+    let beyond = |model, out| {
+        [
+            "simulate",
+            model,
+            "--drive",
+            "triangle:200:60:1",
+            "--out",
+            out,
+        ]
+    };
     says(
-        &words("simulate m.toml --drive triangle:200:60:1 --out y.csv"),
+        &beyond("h.toml", "y.csv"),
         folder.path(),
         "the model holds from 0 to 10 V",
+    );
+    // All but free surfaces go on beyond what was recorded.
+    let goes_on = hysteron(&beyond("m.toml", "beyond.csv"), folder.path());
+    let said = String::from_utf8_lossy(&goes_on.stdout).into_owned();
+    assert!(
+        goes_on.status.success() && said.contains("the band is wider"),
+        "{said}"
     );
     for waveform in ["step:1:1e9", "triangle:200:5:0", "step:1:-3"] {
         says(

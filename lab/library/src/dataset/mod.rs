@@ -42,12 +42,13 @@ pub mod time_axis;
 pub mod timing;
 pub mod units;
 
-pub use record::{Periods, Record, Role};
+pub use record::{Periods, PlayedDrive, Record, Role};
 
 use crate::error::{Error, Result, nearest};
 use crate::quality::{self, Issue};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::Overview;
+use timing::Timing;
 use units::SignalUnits;
 
 /// Records with the limits of the actuator they were taken on.
@@ -72,6 +73,10 @@ pub struct Dataset {
     /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or
     /// after it: the latter is assumed, and a delay counts from there.
     pub timing_is_assumed: bool,
+    /// When the drive of a row acts in the files.
+    pub timing: Timing,
+    /// Nobody specified what the drive does between samples: a held one is assumed.
+    pub intersample_is_assumed: bool,
     /// What a reader should know about how the data were read.
     pub notes: Vec<String>,
     /// What is wrong with the records; what could be corrected is.
@@ -132,6 +137,8 @@ impl Dataset {
             sensor_lsb_um: None,
             records,
             timing_is_assumed: false,
+            timing: Timing::default(),
+            intersample_is_assumed: false,
             units: SignalUnits::default(),
             notes: Vec::new(),
             issues: Vec::new(),

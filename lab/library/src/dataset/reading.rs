@@ -10,7 +10,7 @@ use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
 use super::units::SignalUnits;
-use super::{Dataset, Periods, Record, Role, SAMPLES_MIN};
+use super::{Dataset, Periods, PlayedDrive, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::quality::Issue;
 use crate::statistics::extremes;
@@ -50,6 +50,8 @@ pub struct Instructions {
     pub wanted: ColumnRules,
     /// Sampling rate.
     pub sample_rate_hz: Option<f64>,
+    /// Sampling rate of files that give none themselves.
+    pub rate_otherwise_hz: Option<f64>,
     /// Rows of text to leave out at the top.
     pub skip_rows: Option<usize>,
     /// When the drive of a row acts.
@@ -141,9 +143,11 @@ pub fn from_manifest_as(
     let intersample = instructions
         .intersample
         .or(manifest.intersample.map(Into::into));
-    let (shown, timing_is_assumed) = timed(&mut records, timing, intersample);
+    let shown = timed(&mut records, timing, intersample);
     Dataset {
-        timing_is_assumed,
+        timing: shown.timing,
+        timing_is_assumed: shown.is_assumed,
+        intersample_is_assumed: intersample.is_none(),
         units,
         name: manifest.name.clone(),
         source: place.to_owned(),
@@ -153,27 +157,43 @@ pub fn from_manifest_as(
         sensor_lsb_um: manifest.sensor_lsb_um,
         records,
         notes,
-        issues: shown.into_iter().collect(),
+        issues: shown.issue.into_iter().collect(),
     }
     .checked()
 }
 
-/// Gives the records the timing and the way between samples that were specified; the issue where they show a
-/// timing themselves, and whether one is assumed. A drive that runs on acts from no row to another.
+/// The timing of records, and how it is known.
+struct Timed {
+    timing: Timing,
+    /// The records show it themselves.
+    issue: Option<Issue>,
+    is_assumed: bool,
+}
+
+/// Gives the records the timing and the way between samples that were specified. A drive that runs on acts
+/// from no row to another.
 fn timed(
     records: &mut [Record],
     timing: Option<Timing>,
     intersample: Option<Intersample>,
-) -> (Option<Issue>, bool) {
+) -> Timed {
     records
         .iter_mut()
         .for_each(|record| record.intersample = intersample.unwrap_or_default());
     if intersample.is_some_and(|one| one != Intersample::Hold) {
-        return (None, false);
+        return Timed {
+            timing: Timing::default(),
+            issue: None,
+            is_assumed: false,
+        };
     }
-    let shown = bring_to_one_timing(records, timing);
-    let assumed = timing.is_none() && shown.is_none();
-    (shown, assumed)
+    let issue = bring_to_one_timing(records, timing);
+    let shown = issue.as_ref().map(|_| Timing::HoldBeforeSample);
+    Timed {
+        timing: timing.or(shown).unwrap_or_default(),
+        is_assumed: timing.is_none() && issue.is_none(),
+        issue,
+    }
 }
 
 /// A name that no earlier record has: one file may serve as several records.
@@ -206,6 +226,7 @@ fn even_signals(
     table: &Table,
     wanted: &ColumnRules,
     sample_rate_hz: Option<f64>,
+    rate_otherwise_hz: Option<f64>,
     resample: Option<bool>,
 ) -> Result<Even> {
     let mut signals = recognise::signals(table, wanted)?;
@@ -228,11 +249,18 @@ fn even_signals(
             *signal = signal[common.clone()].to_vec();
         }
     }
-    let axis = match (&signals.t_s, sample_rate_hz.or(table.sample_rate_hz)) {
+    let rate = sample_rate_hz
+        .or(table.sample_rate_hz)
+        .or(rate_otherwise_hz);
+    let axis = match (&signals.t_s, rate) {
         (Some(t_s), _) => TimeAxis::from_stamps(t_s, &known)?,
         (None, Some(rate)) => {
             if sample_rate_hz.is_none() {
-                notes.push(format!("{rate:.6} samples per second, as the file says"));
+                let source = match table.sample_rate_hz {
+                    Some(_) => "the file says",
+                    None => "the model's records have",
+                };
+                notes.push(format!("{rate:.6} samples per second, as {source}"));
             }
             TimeAxis::without_stamps(rate)
         }
@@ -344,6 +372,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         &table,
         &instructions.wanted,
         instructions.sample_rate_hz,
+        instructions.rate_otherwise_hz,
         None,
     )?;
     let name = stem(place);
@@ -381,10 +410,11 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
             "a rest in which the reading does not move shows no noise, and is left out".into(),
         );
     }
-    let (shown, timing_is_assumed) =
-        timed(&mut records, instructions.timing, instructions.intersample);
+    let shown = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {
-        timing_is_assumed,
+        timing: shown.timing,
+        timing_is_assumed: shown.is_assumed,
+        intersample_is_assumed: instructions.intersample.is_none(),
         units: even.units,
         source: place.to_owned(),
         drive_min_v: low,
@@ -394,9 +424,50 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         records,
         name,
         notes,
-        issues: shown.into_iter().collect(),
+        issues: shown.issue.into_iter().collect(),
     }
     .checked()
+}
+
+/// The drive of one file: of a recording the one that [`from_file_as`] takes, else its columns t and u.
+///
+/// # Errors
+/// One message with row or column, and what was expected.
+pub fn drive_of_file(
+    place: &str,
+    bytes: &[u8],
+    instructions: &Instructions,
+) -> Result<PlayedDrive> {
+    let skip_rows = instructions.skip_rows.unwrap_or(0);
+    let table = readers::read(place, bytes, Hints { skip_rows })?;
+    let (wanted, rate) = (&instructions.wanted, instructions.sample_rate_hz);
+    if let Ok(even) = even_signals(&table, wanted, rate, instructions.rate_otherwise_hz, None) {
+        return Ok(PlayedDrive {
+            file: place.to_owned(),
+            start_s: even.start_s,
+            sample_rate_hz: even.sample_rate_hz,
+            drive_v: even.u_v,
+            reading_um: Some(even.y_um),
+            notes: even.notes,
+        });
+    }
+    let (t_s, drive_v) = recognise::time_and_drive(&table, wanted)?;
+    // A drive alone is played as it is: uneven stamps are an error.
+    let known = StampContext {
+        place,
+        line_of: &|row| table.line_of(row),
+        sample_rate_hz: None,
+        resample: Some(false),
+    };
+    let axis = TimeAxis::from_stamps(&t_s, &known)?;
+    Ok(PlayedDrive {
+        file: place.to_owned(),
+        start_s: axis.start_s,
+        sample_rate_hz: axis.sample_rate_hz,
+        drive_v,
+        reading_um: None,
+        notes: axis.note.into_iter().collect(),
+    })
 }
 
 /// A file's name without folder and extension.
@@ -423,6 +494,7 @@ fn record_of(
         table,
         &instructions.before(entry.wanted()),
         rate,
+        instructions.rate_otherwise_hz,
         entry.resample,
     )?;
     let (fs, t0) = (even.sample_rate_hz, even.start_s);

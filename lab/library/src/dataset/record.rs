@@ -44,6 +44,23 @@ pub struct Periods {
     pub count: usize,
 }
 
+/// A drive that is to be played.
+#[derive(Clone, Debug, Default)]
+pub struct PlayedDrive {
+    /// What it is called.
+    pub file: String,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Sampling rate, Hz.
+    pub sample_rate_hz: f64,
+    /// Drive, V.
+    pub drive_v: Vec<f64>,
+    /// Readings beside it, um, where it is a recording.
+    pub reading_um: Option<Vec<f64>>,
+    /// What was assumed and mended.
+    pub notes: Vec<String>,
+}
+
 /// One record.
 #[derive(Clone, Debug)]
 pub struct Record {

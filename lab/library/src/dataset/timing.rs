@@ -12,16 +12,26 @@ use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 
 /// When samples are taken and drives act.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
     /// `y[k]` is sampled at `t[k]`; `u[k]` acts from `t[k]` to `t[k+1]`.
+    #[default]
     HoldAfterSample,
     /// `u[k]` acts from `t[k-1]` to `t[k]`; `y[k]` is sampled at `t[k]`.
     HoldBeforeSample,
 }
 
 impl Timing {
+    /// The name that files use.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HoldAfterSample => "hold_after_sample",
+            Self::HoldBeforeSample => "hold_before_sample",
+        }
+    }
+
     /// The timing by its name in files; `place` is where somebody said it.
     ///
     /// # Errors
@@ -77,7 +87,7 @@ impl Dataset {
         out.records
             .iter_mut()
             .for_each(|record| record.intersample = intersample);
-        out.timing_is_assumed = false;
+        (out.timing_is_assumed, out.intersample_is_assumed) = (false, false);
         out
     }
 
@@ -86,7 +96,7 @@ impl Dataset {
     pub fn in_own_rows(&self) -> Self {
         let mut out = self.clone();
         out.records.iter_mut().for_each(moved_up);
-        out.timing_is_assumed = false;
+        (out.timing, out.timing_is_assumed) = (Timing::HoldBeforeSample, false);
         out
     }
 }

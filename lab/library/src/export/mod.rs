@@ -2,19 +2,24 @@
 //! space.
 //!
 //! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so
-//! that it reads what the program reads. What blocks do is written once for each language (`blocks.m`,
-//! `blocks.py`, `blocks.c`); an export carries those that it needs and stands alone. An effect whose stage
-//! has no blocks is refused by name.
+//! that it reads what the program reads. What a block does stands once, in [`hysteron_sim::law`]; `laws`
+//! prints it in the words of a language. An effect whose stage has no blocks is refused by name.
 
 mod c;
+mod laws;
 mod matlab;
 mod python;
 mod state_space;
 
+use crate::dataset::timing::Timing;
+use crate::engineering::{four, with_deviation};
 use crate::error::{Error, Result};
-use hysteron_sim::block::{Block, BlockChain};
-use hysteron_sim::chain::Model;
-use std::collections::BTreeSet;
+use crate::origin::{Initial, Way};
+use hysteron_sim::block::BlockChain;
+use hysteron_sim::chain::{InitialState, Model};
+use hysteron_sim::effect::FreeMotion;
+use hysteron_sim::intersample::Intersample;
+use hysteron_sim::physics::RecordStart;
 
 /// What a model is exported as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +90,27 @@ pub fn export(
     sample_rate_hz: f64,
     name: &str,
 ) -> Result<String> {
+    let way = Way::told(model, None, None);
+    export_from(
+        model,
+        language,
+        sample_rate_hz,
+        name,
+        (&Initial::AsRecorded, way),
+    )
+}
+
+/// The same with where it begins and when its drive acts.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_from(
+    model: &Model,
+    language: Language,
+    sample_rate_hz: f64,
+    name: &str,
+    (initial, way): (&Initial, Way),
+) -> Result<String> {
     if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
         return Err(Error::new(
             "--rate-hz",
@@ -95,13 +121,60 @@ pub fn export(
     if language == Language::StateSpace {
         return state_space::text(model, sample_rate_hz);
     }
-    let chain =
-        BlockChain::of(model, 1.0 / sample_rate_hz).map_err(|effect| cannot(model, &effect))?;
+    let intersample = match (language, way.intersample) {
+        // Sample by sample the future is not known.
+        (Language::C, Intersample::BandLimited) => Intersample::Linear,
+        (_, intersample) => intersample,
+    };
+    let chain = BlockChain::of(model, 1.0 / sample_rate_hz, intersample)
+        .map_err(|effect| cannot(model, &effect))?;
+    let (start, near_v) = initial.to_carry(model);
+    let exported = Exported {
+        chain: &chain,
+        model,
+        name: &name,
+        shifted: way.timing == Timing::HoldBeforeSample && intersample == Intersample::Hold,
+        start: &start,
+        near_v,
+    };
     Ok(match language {
-        Language::Matlab => matlab::text(&chain, model, &name),
-        Language::Python => python::text(&chain, model, &name),
-        Language::C | Language::StateSpace => c::text(&chain, model, &name),
+        Language::Matlab => matlab::text(&exported),
+        Language::Python => python::text(&exported),
+        Language::C | Language::StateSpace => c::text(&exported),
     })
+}
+
+/// What is written in a language.
+struct Exported<'e> {
+    chain: &'e BlockChain,
+    model: &'e Model,
+    /// What the function is called.
+    name: &'e str,
+    /// The drive of a row acts up to its sample.
+    shifted: bool,
+    /// How it begins where its caller says nothing.
+    start: &'e RecordStart,
+    /// The motions of the start are there for drives that begin as near to it, V.
+    near_v: f64,
+}
+
+impl Exported<'_> {
+    /// The start has more than a state.
+    fn adds(&self) -> bool {
+        self.start.offset_um != 0.0 || !self.start.motions.is_empty()
+    }
+
+    /// Motions as decay, 1/s, angular frequency, rad/s, cosine and sine, um.
+    fn motions(&self) -> Vec<Vec<f64>> {
+        let row = |(motion, [cosine, sine]): &(FreeMotion, [f64; 2])| {
+            vec![motion.decay_per_s, motion.frequency_rad_s, *cosine, *sine]
+        };
+        self.start.motions.iter().map(row).collect()
+    }
+
+    fn begins_settled(&self) -> bool {
+        self.start.state != InitialState::Virgin
+    }
 }
 
 /// Why an effect is not exported.
@@ -132,40 +205,6 @@ fn identifier(name: &str) -> String {
     }
 }
 
-/// The blocks that a chain needs of a library of them, each of which begins with a line that says `block` and
-/// its name.
-fn needed(library: &str, chain: &BlockChain, mark: &str) -> String {
-    let names: BTreeSet<&str> = chain
-        .blocks
-        .iter()
-        .map(|placed| placed.block.name())
-        .collect();
-    let mut out = String::new();
-    let mut takes = false;
-    for line in library.lines() {
-        match line
-            .strip_prefix(mark)
-            .and_then(|rest| rest.strip_prefix(" block "))
-        {
-            Some(rest) => {
-                takes = rest
-                    .split_whitespace()
-                    .next()
-                    .is_some_and(|name| names.contains(name));
-                if takes {
-                    out.push('\n');
-                }
-            }
-            None if takes => {
-                out.push_str(line);
-                out.push('\n');
-            }
-            None => {}
-        }
-    }
-    out
-}
-
 /// A number that reads back as the same one in every language.
 fn number(value: f64) -> String {
     if value == 0.0 {
@@ -182,20 +221,29 @@ fn described(model: &Model) -> Vec<String> {
         let declaration = instance.effect.declaration();
         out.push(format!("{}: {}", instance.id, declaration.physics));
         for p in &instance.parameters {
-            let std = p
-                .std
-                .map_or_else(String::new, |std| format!(" +- {std:.3e}"));
+            let value = match p.std.filter(|std| *std > 0.0) {
+                Some(std) => with_deviation(p.value, std),
+                None => p.value.to_string(),
+            };
             out.push(format!(
-                "    {} = {}{std} {}",
-                p.parameter.name, p.value, p.parameter.unit
+                "    {} = {value} {}",
+                p.parameter.name, p.parameter.unit
             ));
         }
+        let equations = declaration.equations.replace('`', "");
+        out.extend(equations.lines().map(|line| format!("    {line}")));
     }
     out
 }
 
 /// What every export says of itself at its head.
-fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
+fn head(exported: &Exported) -> Vec<String> {
+    let Exported {
+        chain,
+        model,
+        start,
+        ..
+    } = *exported;
     let force = if chain.takes_force() {
         ", force in N"
     } else {
@@ -212,156 +260,57 @@ fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
             chain.drive_max_v,
             1.0 / chain.dt_s
         ),
-        "The drive is held from each sample to the next; the reading is taken at the sample."
-            .into(),
-        String::new(),
+        match (chain.intersample, exported.shifted) {
+            (Intersample::Hold, false) => {
+                "The drive of a row acts from its sample to the next one.".into()
+            }
+            (Intersample::Hold, true) => {
+                "The drive of a row acts up to its sample, from the one before.".into()
+            }
+            (other, _) => format!("The drive is {} between samples.", other.name()),
+        },
+        format!(
+            "Begins {} where nothing else is asked for. Rounding by the sensor is left out.",
+            if exported.begins_settled() {
+                "settled at the first drive"
+            } else {
+                "virgin"
+            }
+        ),
     ];
+    if let Some(known) = model.identified.as_deref() {
+        let recorded = &known.recorded;
+        let on = if recorded.fitted_on.is_empty() {
+            String::new()
+        } else {
+            format!(" on {}", recorded.fitted_on)
+        };
+        out.push(format!(
+            "Fitted to {}{on}; error {} um RMS on what judged it.",
+            recorded.data_set,
+            four(known.error_um)
+        ));
+        out.push(format!(
+            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
+            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
+        ));
+    }
+    if start.offset_um != 0.0 {
+        out.push(format!(
+            "The sensor's constant of {} is {:.6} um.",
+            start.file, start.offset_um
+        ));
+    }
+    out.push(String::new());
     out.extend(described(model));
     out
 }
 
-/// Play operators and the like as pairs of threshold and weight.
-fn pairs(plays: &[hysteron_sim::block::Play]) -> Vec<Vec<f64>> {
-    plays
-        .iter()
-        .map(|play| vec![play.threshold, play.weight])
-        .collect()
-}
-
-/// The numbers of a block in the order in which libraries take them: each a number, a row, or rows.
-enum Argument {
-    Number(f64),
-    Flag(bool),
-    Count(usize),
-    Row(Vec<f64>),
-    Column(Vec<f64>),
-    Rows(Vec<Vec<f64>>),
-    Nothing,
-    Force,
-}
-
-fn arguments(block: &Block, substeps: usize) -> Vec<Argument> {
-    use Argument::{Column, Count, Flag, Force, Nothing, Number, Row, Rows};
-    match block {
-        Block::Proportional { gain, offset } => vec![Number(*gain), Number(*offset)],
-        Block::Clamp { lower, upper } => vec![Number(*lower), Number(*upper)],
-        Block::Slope { most, gives_mean } => vec![Number(*most), Flag(*gives_mean)],
-        Block::Linear(l) => vec![
-            Rows(l.phi.clone()),
-            Column(l.start.clone()),
-            Column(l.end.clone()),
-            Row(l.out.clone()),
-            Number(l.before),
-            Number(l.through),
-            Column(l.rest.clone()),
-            Number(l.offset),
-        ],
-        Block::Delay { whole, late_share } => vec![Count(*whole), Number(*late_share)],
-        Block::Loops {
-            g,
-            r,
-            plays,
-            rate,
-            lower,
-            span,
-        } => {
-            let law = |l: &hysteron_sim::block::Rate| {
-                Row(vec![
-                    l.loop_linear,
-                    l.loop_quadratic,
-                    l.curve_linear,
-                    l.dt_s,
-                    l.substeps as f64,
-                ])
-            };
-            vec![
-                Rows(g.clone()),
-                Row(r.clone()),
-                Rows(pairs(plays)),
-                rate.as_ref().map_or(Nothing, law),
-                Number(*lower),
-                Number(*span),
-            ]
-        }
-        Block::Plays {
-            plays,
-            zones,
-            lower,
-            span,
-        } => vec![
-            Rows(pairs(plays)),
-            Rows(pairs(zones)),
-            Number(*lower),
-            Number(*span),
-        ],
-        Block::Slip {
-            gain,
-            elements,
-            lower,
-            span,
-        } => vec![
-            Number(*gain),
-            Rows(pairs(elements)),
-            Number(*lower),
-            Number(*span),
-        ],
-        Block::BoucWen {
-            gain,
-            alpha,
-            beta,
-            gamma,
-            lower,
-            span,
-        } => [gain, alpha, beta, gamma, lower, span]
-            .map(|v| Number(*v))
-            .into(),
-        Block::Duhem {
-            approach,
-            slope,
-            elastic,
-            lower,
-            span,
-        } => [approach, slope, elastic, lower, span]
-            .map(|v| Number(*v))
-            .into(),
-        Block::Gap { half } => vec![Number(*half)],
-        Block::Drift { rate, slowing } => vec![Number(*rate), Number(*slowing)],
-        Block::Lines(lines) => vec![Rows(lines.iter().map(|line| line.to_vec()).collect())],
-        Block::Bend { quadratic, cubic } => vec![Number(*quadratic), Number(*cubic)],
-        Block::Round { step } => vec![Number(*step)],
-        Block::Force { compliance } => vec![Force, Count(substeps), Number(*compliance)],
-    }
-}
-
-/// The steps of a chain for languages that carry whole signals: going over to sub-intervals, back, and the
-/// blocks between.
-enum Carry<'c> {
-    Refine,
-    Coarsen,
-    Block {
-        effect: &'c str,
-        block: &'c Block,
-        substeps: usize,
-    },
-}
-
-fn carried(chain: &BlockChain) -> Vec<Carry<'_>> {
-    let (mut out, mut fine) = (Vec::new(), false);
-    for placed in &chain.blocks {
-        match (fine, placed.fine) {
-            (false, true) => out.push(Carry::Refine),
-            (true, false) => out.push(Carry::Coarsen),
-            _ => {}
-        }
-        fine = placed.fine;
-        out.push(Carry::Block {
-            effect: &placed.effect,
-            block: &placed.block,
-            substeps: if fine { chain.substeps } else { 1 },
-        });
-    }
-    if fine {
-        out.push(Carry::Coarsen);
-    }
-    out
+/// Rows of numbers, each in these brackets, with this between two of them.
+fn rows(rows: &[Vec<f64>], [open, close]: [&str; 2], between: &str) -> String {
+    let row = |values: &Vec<f64>| {
+        let texts: Vec<String> = values.iter().map(|v| number(*v)).collect();
+        format!("{open}{}{close}", texts.join(", "))
+    };
+    rows.iter().map(row).collect::<Vec<_>>().join(between)
 }

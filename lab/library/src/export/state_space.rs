@@ -12,6 +12,7 @@ use hysteron_sim::effect::{
     Place, amplifier_bandwidth, by_id, creep, delay, gain, mass_change, second_mode,
     sensor_bandwidth, sensor_filter, vibration,
 };
+use hysteron_sim::intersample::Intersample;
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
@@ -76,7 +77,7 @@ fn matrices(model: &Model, sample_rate_hz: f64) -> Result<Value> {
     })?;
     let (linear, left_out) = linear_part(model, loops.gain_um_v);
     let of = |linear: &Model| -> Result<(Value, Value)> {
-        let chain = BlockChain::of(linear, 1.0 / sample_rate_hz)
+        let chain = BlockChain::of(linear, 1.0 / sample_rate_hz, Intersample::Hold)
             .map_err(|effect| super::cannot(linear, &effect))?;
         Ok((sampled(&chain), written(&continuous(linear))))
     };

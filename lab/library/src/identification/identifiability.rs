@@ -1,12 +1,11 @@
 //! What the data cannot tell about a model, whatever the fit says.
 
-use super::fit::rms_over;
 use super::uncertainty::estimate_uncertainty;
+use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
-use crate::dataset::{Dataset, Role};
+use crate::origin::note_origin;
 use hysteron_sim::chain::Model;
 use serde::Serialize;
-use std::sync::Arc;
 
 /// Something that the data leave open.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,7 +39,7 @@ pub fn identifiability(
     dataset: &Dataset,
     records: &[usize],
 ) -> Vec<CannotIdentify> {
-    let fitted = model.clone();
+    model.identified = None;
     let mut by_effect: Vec<(String, Vec<String>)> = Vec::new();
     for u in estimate_uncertainty(model, dataset, records) {
         match by_effect.iter_mut().find(|(effect, _)| *effect == u.effect) {
@@ -61,16 +60,7 @@ pub fn identifiability(
             }
         })
         .collect();
-    if let Some(identified) = &mut model.identified {
-        let held_out = dataset.with_role(Role::Validate);
-        let judges = if held_out.is_empty() {
-            records
-        } else {
-            &held_out
-        };
-        let error_um = rms_over(&fitted, dataset, judges);
-        Arc::make_mut(identified).error_um = error_um;
-    }
+    note_origin(model, dataset, records);
     let seen = DriveVariety::of(dataset, records);
     if seen.one_loop() {
         out.push(CannotIdentify::MinorLoops);

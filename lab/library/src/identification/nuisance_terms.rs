@@ -256,6 +256,35 @@ impl OwnMotions {
         (self.0.len() == others.0.len()).then_some(out)
     }
 
+    /// How large they are in a residual at samples of a record: the constant, and each motion with the
+    /// amplitudes of its cosine and its sine at the first sample.
+    #[must_use]
+    pub fn amplitudes(
+        &self,
+        record: &Record,
+        samples: &Samples,
+        left: &DVector<f64>,
+    ) -> (f64, Vec<(FreeMotion, [f64; 2])>) {
+        let held = amounts(&self.columns(record, samples), left);
+        let (mut at, mut constant, mut motions) = (0, 0.0, Vec::new());
+        for own in &self.0 {
+            let amplitude = [held[at], if own.width() > 1 { held[at + 1] } else { 0.0 }];
+            at += own.width();
+            match own {
+                OwnMotion::Constant => constant += amplitude[0],
+                OwnMotion::Free(motion) => motions.push((*motion, amplitude)),
+                OwnMotion::LineHz(hz) => {
+                    let motion = FreeMotion {
+                        decay_per_s: 0.0,
+                        frequency_rad_s: std::f64::consts::TAU * hz,
+                    };
+                    motions.push((motion, amplitude));
+                }
+            }
+        }
+        (constant, motions)
+    }
+
     /// How many of the first are those of others.
     fn alike(&self, others: &Self) -> usize {
         self.0

@@ -6,11 +6,9 @@
 use super::fit::{blocks, prior_coordinates, prior_weight};
 use super::linearisation::{Rows, free_parameters, linearise, normal_equations};
 use crate::dataset::Dataset;
-use crate::dataset::Role;
-use crate::statistics::extremes;
-use hysteron_sim::chain::{Identified, Model};
+use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Scale;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use std::sync::Arc;
 
 /// A direction of the parameters that the data do not show.
@@ -66,19 +64,13 @@ pub fn estimate_uncertainty(
             instance.parameters[index.parameter].parameter.name.clone(),
         )
     });
-    // Whichever is larger in each value: white noise, or what the blocks show.
+    // White noise and what the blocks show, added: scaling each value by itself would tear apart directions in
+    // which large changes cancel.
     let white = &inverse * variance;
-    let larger = DVector::from_fn(p, |i, _| {
-        (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE))
-            .sqrt()
-            .max(1.0)
-    });
-    let covariance = DMatrix::from_fn(p, p, |i, j| larger[i] * white[(i, j)] * larger[j]);
-    model.identified = Some(Arc::new(Identified {
-        values: values.collect(),
-        factor: factor_of(&covariance),
-        ..known_of(dataset, records)
-    }));
+    let covariance = &white + &sandwich;
+    let values = values.collect();
+    let known = Arc::make_mut(model.identified.get_or_insert_default());
+    (known.values, known.factor) = (values, factor_of(&covariance));
     let mut unidentified = Vec::new();
     for (i, index) in free.iter().enumerate() {
         let white = white[(i, i)].max(0.0).sqrt();
@@ -126,33 +118,4 @@ fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
     (0..p)
         .map(|i| (0..=i).map(|j| scale[i] * factor[(i, j)]).collect())
         .collect()
-}
-
-/// What the records that were fitted or judge show of the drive.
-fn known_of(dataset: &Dataset, records: &[usize]) -> Identified {
-    let seen = || {
-        dataset
-            .records
-            .iter()
-            .enumerate()
-            .filter(|(i, r)| records.contains(i) || r.role == Role::Validate)
-            .map(|(_, r)| r)
-    };
-    let over = |of: &dyn Fn(&crate::dataset::Record) -> f64| {
-        seen().map(of).fold(f64::NEG_INFINITY, f64::max)
-    };
-    let slope = |r: &crate::dataset::Record| {
-        r.drive_v
-            .windows(2)
-            .map(|w| (w[1] - w[0]).abs())
-            .fold(0.0, f64::max)
-            * r.sample_rate_hz
-    };
-    Identified {
-        seconds: over(&|r| r.window.end as f64 * r.dt_s()),
-        low_v: -over(&|r| -extremes(&r.drive_v[..r.window.end]).0),
-        high_v: over(&|r| extremes(&r.drive_v[..r.window.end]).1),
-        slope_max_v_s: over(&slope),
-        ..Identified::default()
-    }
 }

@@ -304,6 +304,7 @@ mod tests {
             low_v: 0.0,
             high_v: 80.0,
             slope_max_v_s: 1e3,
+            ..Identified::default()
         }));
         assert_eq!(names(&chain).len(), without.len() + DRAWS as usize);
         let values: Vec<f64> = (1..=DRAWS)
