@@ -317,7 +317,7 @@ fn sample(signal: &[f64], at_rest: f64, substeps: usize, samples: usize) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effect::{Overview, by_id};
+    use crate::effect::{Overview, model_of};
 
     /// Behind what moves inside a period creep and a sensor's curve go by the ends of periods; a sensor's lag
     /// without a mode does not, and neither does what stands in front of it. Against every stage in steps of
@@ -325,13 +325,7 @@ mod tests {
     #[test]
     fn last_stages_go_by_the_ends_of_periods() {
         let overview = Overview::without_data(0.0, 70.0);
-        let model = |effects: &[(&str, &[f64])]| {
-            let mut model = Model::new(0.0, 70.0);
-            for (id, values) in effects {
-                model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
-            }
-            model
-        };
+        let model = |effects: &[(&str, &[f64])]| model_of(&overview, effects);
         let creep: &[f64] = &[0.01, 0.02, 0.01, 0.2, 0.01, 2.0, 0.01, 20.0];
         let amplifier: (&str, &[f64]) = ("amplifier_bandwidth", &[900.0]);
         let behind: &[(&str, &[f64])] = &[("hysteresis", &[10.0, 1.0, -1.0]), ("creep", creep)];

@@ -61,62 +61,43 @@ impl ContinuousSystem {
     /// Transition matrix and input vector over one interval in which the input is held.
     #[must_use]
     pub fn held_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>) {
-        let n = self.a.nrows();
-        let mut augmented = DMatrix::zeros(n + 1, n + 1);
-        augmented
-            .view_mut((0, 0), (n, n))
-            .copy_from(&(&self.a * dt_s));
-        augmented
-            .view_mut((0, n), (n, 1))
-            .copy_from(&(&self.b * dt_s));
-        let exponential = augmented.exp();
-        (
-            exponential.view((0, 0), (n, n)).into_owned(),
-            exponential.view((0, n), (n, 1)).column(0).into_owned(),
-        )
+        let (phi, [held]) = self.matrices_of_powers(dt_s);
+        (phi, held)
     }
 
     /// Transition matrix, and input vectors over one interval for an input that is held, and for one that
     /// rises straight from zero to one.
     #[must_use]
     pub fn straight_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
-        let n = self.a.nrows();
-        let mut augmented = DMatrix::zeros(n + 2, n + 2);
-        augmented
-            .view_mut((0, 0), (n, n))
-            .copy_from(&(&self.a * dt_s));
-        augmented
-            .view_mut((0, n), (n, 1))
-            .copy_from(&(&self.b * dt_s));
-        augmented[(n, n + 1)] = 1.0;
-        let exponential = augmented.exp();
-        let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
-        (
-            exponential.view((0, 0), (n, n)).into_owned(),
-            column(n),
-            column(n + 1),
-        )
+        let (phi, [held, slope]) = self.matrices_of_powers(dt_s);
+        (phi, held, slope)
     }
 
     /// Transition matrix, and input vectors over one interval for inputs of one, of its share of the interval
     /// that has passed, and of the square of that share.
     #[must_use]
     pub fn quadratic_matrices(&self, dt_s: f64) -> (DMatrix<f64>, [DVector<f64>; 3]) {
+        self.matrices_of_powers(dt_s)
+    }
+
+    /// The powers of the share of the interval that has passed are states more, each driven by the one below.
+    fn matrices_of_powers<const N: usize>(&self, dt_s: f64) -> (DMatrix<f64>, [DVector<f64>; N]) {
         let n = self.a.nrows();
-        let mut augmented = DMatrix::zeros(n + 3, n + 3);
+        let mut augmented = DMatrix::zeros(n + N, n + N);
         augmented
             .view_mut((0, 0), (n, n))
             .copy_from(&(&self.a * dt_s));
         augmented
             .view_mut((0, n), (n, 1))
             .copy_from(&(&self.b * dt_s));
-        augmented[(n, n + 1)] = 1.0;
-        augmented[(n + 1, n + 2)] = 2.0;
+        for power in 1..N {
+            augmented[(n + power - 1, n + power)] = power as f64;
+        }
         let exponential = augmented.exp();
-        let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
+        let column = |k: usize| exponential.view((0, n + k), (n, 1)).column(0).into_owned();
         (
             exponential.view((0, 0), (n, n)).into_owned(),
-            [column(n), column(n + 1), column(n + 2)],
+            std::array::from_fn(column),
         )
     }
 

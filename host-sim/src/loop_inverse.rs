@@ -143,19 +143,16 @@ impl LoopInverse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chain::EffectInstance;
-    use crate::effect::{Overview, by_id};
+    use crate::effect::{Overview, model_of};
     use proptest::prelude::*;
 
-    fn model_of(id: &str, values: &[f64]) -> Model {
+    fn loops_of(id: &str, values: &[f64]) -> Model {
         let overview = Overview {
             range_um: 10.0,
             gain_um_v: 0.125,
             ..Overview::without_data(0.0, 80.0)
         };
-        let mut model = Model::new(0.0, 80.0);
-        model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
-        model
+        model_of(&overview, &[(id, values)])
     }
 
     /// The model simulated apart: what it gives for the drives of the inverse, um.
@@ -242,7 +239,7 @@ mod tests {
             desired in proptest::collection::vec(0.0f64..6.0, 1..60),
         ) {
             let weights = weights(7.0, &rest);
-            let model = model_of("prandtl_ishlinskii", &weights);
+            let model = loops_of("prandtl_ishlinskii", &weights);
             prop_assert!(largest_miss_um(&model, &desired) < 1e-12 * 10.0);
             let thresholds: Vec<f64> = (0..10).map(|i| 0.05 * f64::from(i)).collect();
             let mut inverse = LoopInverse::from_model(&model, 1e-3).unwrap();
@@ -262,7 +259,7 @@ mod tests {
             desired in proptest::collection::vec(0.0f64..8.0, 1..60),
         ) {
             let values: Vec<f64> = weights(7.0, &rest).into_iter().chain(zones).chain([9.0]).collect();
-            prop_assert!(largest_miss_um(&model_of("modified_prandtl_ishlinskii", &values), &desired) < 1e-12 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("modified_prandtl_ishlinskii", &values), &desired) < 1e-12 * 10.0);
         }
 
         #[test]
@@ -274,7 +271,7 @@ mod tests {
             let values: Vec<f64> = weights(7.0, &rest).into_iter().chain(by_rate).collect();
             // Slow enough that the rate does not bend the output back.
             let desired: Vec<f64> = desired.windows(2).flat_map(|w| (0..40).map(move |k| w[0] + (w[1] - w[0]) * f64::from(k) / 40.0)).collect();
-            prop_assert!(largest_miss_um(&model_of("rate_dependent_prandtl_ishlinskii", &values), &desired) < 1e-12 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("rate_dependent_prandtl_ishlinskii", &values), &desired) < 1e-12 * 10.0);
         }
 
         #[test]
@@ -282,20 +279,20 @@ mod tests {
             stiffness in proptest::collection::vec(0.0f64..0.5, 8),
             desired in proptest::collection::vec(0.0f64..8.0, 1..60),
         ) {
-            prop_assert!(largest_miss_um(&model_of("maxwell_slip", &weights(12.0, &stiffness)), &desired) < 1e-12 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("maxwell_slip", &weights(12.0, &stiffness)), &desired) < 1e-12 * 10.0);
         }
 
         #[test]
         fn bouc_wen_and_duhem_are_met_numerically(desired in proptest::collection::vec(0.0f64..7.0, 1..40)) {
             // A branch of Bouc-Wen's equation is stepped in whole pieces: its output has steps of the rule's
             // own error.
-            prop_assert!(largest_miss_um(&model_of("bouc_wen", &[11.0, 4.0, 2.0, 0.5]), &desired) < 1e-5 * 10.0);
-            prop_assert!(largest_miss_um(&model_of("duhem", &[3.0, 10.0, 7.0]), &desired) < 1e-12 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("bouc_wen", &[11.0, 4.0, 2.0, 0.5]), &desired) < 1e-5 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("duhem", &[3.0, 10.0, 7.0]), &desired) < 1e-12 * 10.0);
         }
 
         #[test]
         fn the_polynomial_loop_is_met(desired in proptest::collection::vec(0.5f64..7.0, 1..40)) {
-            prop_assert!(largest_miss_um(&model_of("polynomial_loop", &[8.0, 1.0, 0.5, 1.5, -0.3]), &desired) < 1e-11 * 10.0);
+            prop_assert!(largest_miss_um(&loops_of("polynomial_loop", &[8.0, 1.0, 0.5, 1.5, -0.3]), &desired) < 1e-11 * 10.0);
         }
     }
 }

@@ -98,17 +98,12 @@ pub(crate) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effect::{Overview, by_id};
-    use crate::physics::EffectInstance;
+    use crate::effect::{Overview, by_id, model_of};
 
     /// Share of its height by which Prandtl-Ishlinskii's operator of these weights opens.
     fn opens_by(weights_um: &[f64]) -> f64 {
-        let mut model = Model::new(0.0, 100.0);
-        model.add(EffectInstance::new(
-            by_id("prandtl_ishlinskii").unwrap(),
-            &Overview::without_data(0.0, 100.0),
-            weights_um,
-        ));
+        let overview = Overview::without_data(0.0, 100.0);
+        let model = model_of(&overview, &[("prandtl_ishlinskii", weights_um)]);
         let (opening_um, height_um) = widest_opening_and_height_um(&model);
         opening_um / height_um
     }

@@ -120,96 +120,10 @@ impl ExpressionEffect {
     /// Says which field is wrong and what was expected.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         let file: EffectFile = toml::from_str(text).map_err(|e| e.to_string())?;
-        let place = Place::NAMES
-            .iter()
-            .find(|(name, _)| *name == file.place)
-            .map(|(_, place)| *place)
-            .ok_or_else(|| {
-                format!(
-                    "place: \"{}\"; expected one of {}",
-                    file.place,
-                    Place::NAMES.map(|(name, _)| name).join(", ")
-                )
-            })?;
-        let mut characters = file.id.chars();
-        let begins = characters
-            .next()
-            .is_some_and(|c| c.is_alphabetic() || c == '_');
-        if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
-            return Err(format!(
-                "id: \"{}\"; expected letters, digits and _, as in self_heating",
-                file.id
-            ));
-        }
-        if super::by_id(&file.id).is_some() {
-            return Err(format!(
-                "id: \"{}\" is a built-in effect; choose another name",
-                file.id
-            ));
-        }
-        let mut names: Vec<String> = GIVEN.iter().map(ToString::to_string).collect();
-        let own = file
-            .parameter
-            .iter()
-            .map(|p| &p.name)
-            .chain(file.state.iter().map(|s| &s.name));
-        for name in file.auxiliary.iter().chain(own) {
-            if names.contains(name) {
-                return Err(format!("name: \"{name}\" is defined twice"));
-            }
-            names.push(name.clone());
-        }
-        let mut parameters = Vec::new();
-        let mut starts = vec![Vec::new()];
-        for entry in &file.parameter {
-            if entry.lower.partial_cmp(&entry.upper) != Some(std::cmp::Ordering::Less)
-                || entry.starts.is_empty()
-            {
-                return Err(format!(
-                    "parameter {}: expected lower < upper and at least one start",
-                    entry.name
-                ));
-            }
-            if let Some(start) = entry
-                .starts
-                .iter()
-                .find(|s| !(entry.lower..=entry.upper).contains(*s))
-            {
-                return Err(format!(
-                    "parameter {}: start {start} is outside {}..{}",
-                    entry.name, entry.lower, entry.upper
-                ));
-            }
-            let size = entry.starts.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
-            let step = 0.02
-                * if size > 0.0 {
-                    size
-                } else {
-                    entry.upper - entry.lower
-                };
-            let parameter =
-                Parameter::linear(&entry.name, &entry.unit, entry.lower, entry.upper, step);
-            parameters.push(if entry.fixed {
-                parameter.fixed()
-            } else {
-                parameter
-            });
-            if starts.len().saturating_mul(entry.starts.len()) > DIRECTIONS_MAX {
-                return Err(format!(
-                    "parameter {}: the starts of all parameters make more than {DIRECTIONS_MAX} combinations; expected fewer starts",
-                    entry.name
-                ));
-            }
-            starts = starts
-                .iter()
-                .flat_map(|head: &Vec<f64>| {
-                    entry
-                        .starts
-                        .iter()
-                        .map(move |s| head.iter().copied().chain([*s]).collect())
-                })
-                .collect();
-        }
+        let place = place_named(&file.place)?;
+        check_id(&file.id)?;
+        let names = file.names()?;
+        let (parameters, starts) = file.parameters_and_starts()?;
         let read = |text: &str, field: &str| {
             Formula::read(text, &names).map_err(|message| format!("{field}: {message}"))
         };
@@ -222,6 +136,7 @@ impl ExpressionEffect {
             .map(derivative)
             .collect::<Result<Vec<_>, _>>()?;
         let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
+        let takes_drive = |formula: &Formula| formula.uses(drive);
         Ok(Self {
             declaration: Declaration {
                 id: file.id,
@@ -230,10 +145,7 @@ impl ExpressionEffect {
                 experiment: file.experiment,
                 one_sided: file.one_sided,
                 follows_record: !file.auxiliary.is_empty()
-                    || derivatives
-                        .iter()
-                        .chain([&output])
-                        .any(|formula| formula.uses(drive)),
+                    || derivatives.iter().chain([&output]).any(takes_drive),
                 auxiliary: file.auxiliary,
                 definition: Some(text.to_string()),
                 ..Declaration::at(place)
@@ -243,6 +155,98 @@ impl ExpressionEffect {
             initial: file.state.iter().map(|s| s.initial).collect(),
             derivatives,
             output,
+        })
+    }
+}
+
+fn place_named(wanted: &str) -> Result<Place, String> {
+    let found = Place::NAMES.iter().find(|(name, _)| *name == wanted);
+    found.map(|(_, place)| *place).ok_or_else(|| {
+        format!(
+            "place: \"{wanted}\"; expected one of {}",
+            Place::NAMES.map(|(name, _)| name).join(", ")
+        )
+    })
+}
+
+fn check_id(id: &str) -> Result<(), String> {
+    let mut characters = id.chars();
+    let begins = characters
+        .next()
+        .is_some_and(|c| c.is_alphabetic() || c == '_');
+    if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
+        return Err(format!(
+            "id: \"{id}\"; expected letters, digits and _, as in self_heating"
+        ));
+    }
+    if super::by_id(id).is_some() {
+        return Err(format!(
+            "id: \"{id}\" is a built-in effect; choose another name"
+        ));
+    }
+    Ok(())
+}
+
+impl EffectFile {
+    /// The names that its expressions know, in the order of their values.
+    fn names(&self) -> Result<Vec<String>, String> {
+        let mut names: Vec<String> = GIVEN.iter().map(ToString::to_string).collect();
+        let parameters = self.parameter.iter().map(|p| &p.name);
+        let own = parameters.chain(self.state.iter().map(|s| &s.name));
+        for name in self.auxiliary.iter().chain(own) {
+            if names.contains(name) {
+                return Err(format!("name: \"{name}\" is defined twice"));
+            }
+            names.push(name.clone());
+        }
+        Ok(names)
+    }
+
+    /// Its parameters, and every combination of their starts.
+    fn parameters_and_starts(&self) -> Result<(Vec<Parameter>, Vec<Vec<f64>>), String> {
+        let mut parameters = Vec::new();
+        let mut starts = vec![Vec::new()];
+        for entry in &self.parameter {
+            parameters.push(entry.parameter()?);
+            if starts.len().saturating_mul(entry.starts.len()) > DIRECTIONS_MAX {
+                return Err(format!(
+                    "parameter {}: the starts of all parameters make more than {DIRECTIONS_MAX} combinations; expected fewer starts",
+                    entry.name
+                ));
+            }
+            let with_each = |head: &Vec<f64>| {
+                let each = entry.starts.iter();
+                each.map(|s| [&head[..], &[*s]].concat())
+                    .collect::<Vec<_>>()
+            };
+            starts = starts.iter().flat_map(with_each).collect();
+        }
+        Ok((parameters, starts))
+    }
+}
+
+impl ParameterEntry {
+    fn parameter(&self) -> Result<Parameter, String> {
+        let Self {
+            name, lower, upper, ..
+        } = self;
+        if lower.partial_cmp(upper) != Some(std::cmp::Ordering::Less) || self.starts.is_empty() {
+            return Err(format!(
+                "parameter {name}: expected lower < upper and at least one start"
+            ));
+        }
+        if let Some(start) = self.starts.iter().find(|s| !(lower..=upper).contains(s)) {
+            return Err(format!(
+                "parameter {name}: start {start} is outside {lower}..{upper}"
+            ));
+        }
+        let size = self.starts.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
+        let step = 0.02 * if size > 0.0 { size } else { upper - lower };
+        let parameter = Parameter::linear(name, &self.unit, *lower, *upper, step);
+        Ok(if self.fixed {
+            parameter.fixed()
+        } else {
+            parameter
         })
     }
 }

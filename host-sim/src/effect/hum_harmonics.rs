@@ -102,25 +102,19 @@ impl Effect for HumHarmonics {
 
 #[cfg(test)]
 mod tests {
-    use crate::chain::{Drive, EffectInstance, InitialState, Model};
-    use crate::effect::{LinesAtRest, Overview, by_id};
+    use crate::chain::{Drive, InitialState};
+    use crate::effect::{LinesAtRest, Overview, by_id, model_of};
 
     #[test]
     fn it_adds_sines_at_multiples_of_the_hum() {
         let overview = Overview::without_data(0.0, 1.0);
-        let mut model = Model::new(0.0, 1.0);
-        model.add(EffectInstance::new(
-            by_id("mains_hum").unwrap(),
-            &overview,
-            &[49.9, 0.0, 0.0],
-        ));
         let mut values = [0.0; 12];
         (values[1], values[2]) = (0.3, 0.2);
-        model.add(EffectInstance::new(
-            by_id("hum_harmonics").unwrap(),
+        let mains: &[f64] = &[49.9, 0.0, 0.0];
+        let model = model_of(
             &overview,
-            &values,
-        ));
+            &[("mains_hum", mains), ("hum_harmonics", &values)],
+        );
         let drive = Drive::held(&[0.0; 3000], 1e-3, InitialState::Settled);
         for (k, read_um) in model.simulate(&drive).iter().enumerate() {
             let phase = std::f64::consts::TAU * 49.9 * 1e-3 * k as f64;
@@ -134,12 +128,8 @@ mod tests {
 
     #[test]
     fn only_a_multiple_of_the_hum_that_is_there_at_rest_speaks_for_it() {
-        let mut model = Model::new(0.0, 1.0);
-        model.add(EffectInstance::new(
-            by_id("mains_hum").unwrap(),
-            &Overview::without_data(0.0, 1.0),
-            &[59.95, 0.01, 0.0],
-        ));
+        let overview = Overview::without_data(0.0, 1.0);
+        let model = model_of(&overview, &[("mains_hum", &[59.95, 0.01, 0.0])]);
         let harmonics = by_id("hum_harmonics").unwrap();
         for (lines_hz, speaks) in [
             (&[][..], false),

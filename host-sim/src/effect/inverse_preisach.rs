@@ -96,8 +96,8 @@ impl Effect for InversePreisach {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chain::EffectInstance;
-    use crate::effect::by_id;
+
+    use crate::effect::model_of;
     use crate::loop_inverse::LoopInverse;
     use proptest::prelude::*;
 
@@ -107,9 +107,8 @@ mod tests {
         #[test]
         fn its_inverse_is_its_own_operator(desired in proptest::collection::vec(0.5f64..9.0, 1..20)) {
             let overview = Overview { range_um: 10.0, gain_um_v: 0.125, ..Overview::without_data(0.0, 80.0) };
-            let mut model = Model::new(0.0, 80.0);
             let values = InversePreisach.starts(&overview).remove(0);
-            model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
+            let model = model_of(&overview, &[(ID, &values)]);
             let mut inverse = LoopInverse::from_model(&model, 1e-3).unwrap();
             let mut operator = OneSidedHysteresis::virgin(Surfaces::from_legendre(DEGREE, &values[1..11], &values[11..]), 0.0, values[0]);
             for y in desired {

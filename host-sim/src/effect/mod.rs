@@ -123,3 +123,13 @@ pub fn by_id(id: &str) -> Option<Arc<dyn Effect>> {
         .into_iter()
         .find(|e| e.declaration().id == wanted)
 }
+
+/// A model of built-in effects with these values.
+#[cfg(test)]
+pub(crate) fn model_of(overview: &Overview, effects: &[(&str, &[f64])]) -> Model {
+    let mut model = Model::new(overview.drive_min_v, overview.drive_max_v);
+    for (id, values) in effects {
+        model.add(EffectInstance::new(by_id(id).unwrap(), overview, values));
+    }
+    model
+}

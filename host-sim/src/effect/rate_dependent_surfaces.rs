@@ -132,8 +132,8 @@ In `n` sub-intervals `v` is counted as for `rate_dependence`.",
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chain::{Drive, EffectInstance, InitialState};
-    use crate::effect::by_id;
+    use crate::chain::{Drive, InitialState};
+    use crate::effect::model_of;
     use crate::rate_dependent_hysteresis::{RateDependentHysteresis, RateSurfaces};
 
     /// Oracle: the operators of the thesis' reproduction, one for each power of the rate.
@@ -147,21 +147,17 @@ mod tests {
         let by_rate: Vec<f64> = (0..3 * TERMS)
             .map(|k| 0.02 * ((7 * k % 5) as f64 - 2.0))
             .collect();
-        let mut model = Model::new(0.0, 80.0);
-        model.add(EffectInstance::new(
-            by_id("hysteresis").unwrap(),
-            &overview,
-            &base,
-        ));
-        model.add(EffectInstance::new(
-            by_id("initial_curve").unwrap(),
-            &overview,
-            &[0.3, -0.1, 0.02, 0.0],
-        ));
         let values: Vec<f64> = std::iter::once(5000.0)
             .chain(by_rate.iter().copied())
             .collect();
-        model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
+        let model = model_of(
+            &overview,
+            &[
+                ("hysteresis", &base),
+                ("initial_curve", &[0.3, -0.1, 0.02, 0.0]),
+                (ID, &values),
+            ],
+        );
         let drive_v: Vec<f64> = (0..400)
             .map(|k| 40.0 - 40.0 * (0.05 * f64::from(k)).cos() * (0.013 * f64::from(k)).cos())
             .collect();

@@ -177,8 +177,8 @@ impl Effect for SensorBandwidth {
 
 #[cfg(test)]
 mod tests {
-    use crate::chain::{Drive, EffectInstance, InitialState, Model};
-    use crate::effect::{Overview, by_id};
+    use crate::chain::{Drive, InitialState};
+    use crate::effect::{Overview, model_of};
 
     /// The reading after a step through mode and sensor, by Euler's method in a hundred-thousandth of the
     /// period.
@@ -202,17 +202,13 @@ mod tests {
 
     #[test]
     fn mode_and_sensor_are_exact_in_fast_and_slow_records() {
-        let (mut model, overview) = (Model::new(0.0, 1.0), Overview::without_data(0.0, 1.0));
-        model.add(EffectInstance::new(
-            by_id("vibration").unwrap(),
-            &overview,
-            &[3000.0, 0.25],
-        ));
-        model.add(EffectInstance::new(
-            by_id("sensor_bandwidth").unwrap(),
-            &overview,
-            &[800.0],
-        ));
+        let model = model_of(
+            &Overview::without_data(0.0, 1.0),
+            &[
+                ("vibration", &[3000.0, 0.25]),
+                ("sensor_bandwidth", &[800.0]),
+            ],
+        );
         for dt_s in [5e-5, 5e-4, 5e-3] {
             let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = model.simulate(&drive);

@@ -253,23 +253,14 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
 
 #[cfg(test)]
 mod tests {
-    use super::SensorFilter;
-    use crate::chain::{Drive, EffectInstance, InitialState, Model};
-    use crate::effect::{Overview, by_id};
+    use crate::chain::{Drive, InitialState, Model};
+    use crate::effect::{Overview, model_of};
     use std::f64::consts::TAU;
-    use std::sync::Arc;
 
     fn model(chain: &[(&str, &[f64])], frequency_hz: f64, damping_ratio: f64) -> Model {
-        let (mut model, overview) = (Model::new(0.0, 1.0), Overview::without_data(0.0, 1.0));
-        for (id, values) in chain {
-            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
-        }
-        model.add(EffectInstance::new(
-            Arc::new(SensorFilter),
-            &overview,
-            &[frequency_hz, damping_ratio],
-        ));
-        model
+        let filter: &[f64] = &[frequency_hz, damping_ratio];
+        let effects = [chain, &[("sensor_filter", filter)]].concat();
+        model_of(&Overview::without_data(0.0, 1.0), &effects)
     }
 
     /// Without inertia a step of the drive is a step of the displacement: the reading is the textbook's step

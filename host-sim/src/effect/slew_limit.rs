@@ -110,17 +110,14 @@ model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where i
 
 #[cfg(test)]
 mod tests {
-    use crate::chain::{Drive, EffectInstance, InitialState, Model};
-    use crate::effect::{Overview, by_id};
+    use crate::chain::{Drive, InitialState};
+    use crate::effect::{Overview, model_of};
 
     /// Of a straight stage, 0.1 um/V, behind an amplifier of 6000 V/s and of a lag of 300 Hz, each where it
     /// is asked for.
     fn read(effect: (&str, f64), drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let overview = Overview::without_data(0.0, 80.0);
-        let mut model = Model::new(0.0, 80.0);
-        for (id, values) in [("gain", vec![0.1, 0.0]), (effect.0, vec![effect.1])] {
-            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
-        }
+        let model = model_of(&overview, &[("gain", &[0.1, 0.0]), (effect.0, &[effect.1])]);
         model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 

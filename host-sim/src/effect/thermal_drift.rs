@@ -118,20 +118,16 @@ impl Effect for ThermalDrift {
 
 #[cfg(test)]
 mod tests {
-    use crate::chain::{Drive, EffectInstance, InitialState, Model};
-    use crate::effect::{Overview, by_id};
+    use crate::chain::{Drive, InitialState};
+    use crate::effect::{Overview, model_of};
 
     #[test]
     fn it_is_the_integral_of_a_rate_that_falls_stays_or_grows() {
         let overview = Overview::without_data(0.0, 1.0);
         let dt_s = 1e-3;
         for (rate_um_s, slowing_per_s) in [(0.05, 0.5), (-0.02, 0.0), (0.01, -0.3), (0.03, 1e-13)] {
-            let mut model = Model::new(0.0, 1.0);
-            model.add(EffectInstance::new(
-                by_id("thermal_drift").unwrap(),
-                &overview,
-                &[rate_um_s, slowing_per_s],
-            ));
+            let values = [rate_um_s, slowing_per_s];
+            let model = model_of(&overview, &[("thermal_drift", &values)]);
             let drive = Drive::held(&[0.0; 3000], dt_s, InitialState::Settled);
             let read_um = model.simulate(&drive);
             // Summed in a hundred pieces of an interval.

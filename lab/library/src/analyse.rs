@@ -1,9 +1,10 @@
-//! The main job, the only orchestration: quality, noise, search, closure, selection, post-checks, outcome.
+//! The main job, the only orchestration: quality, noise, search, closure, ablation, selection, post-checks,
+//! outcome.
 //! Every front end calls [`analyse`].
 
 use crate::dataset::Dataset;
 use crate::diagnosis::closure::close;
-use crate::diagnosis::findings::{Weighed, weigh};
+use crate::diagnosis::findings::{Weighed, slots, weigh};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::path::{self, ModelChange, PathStep};
@@ -14,7 +15,6 @@ use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure};
 use crate::diagnosis::searched_data::for_evidence;
-use crate::diagnosis::selection::Selected;
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -208,6 +208,8 @@ struct Grown {
     models: Vec<KeptModel>,
     /// The simplest kept models.
     simplest: Vec<Entry>,
+    /// The model with the named effects alone, where it is another than the last.
+    named: Option<Judged>,
     changed: Vec<ChangedValue>,
     tried: Vec<Entry>,
     beside_start: Option<Screening>,
@@ -294,6 +296,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let found = Found {
         first: &grown.steps[0].judged,
         last: &last,
+        named: grown.named.as_ref().unwrap_or(&last),
         weighed: &grown.weighed,
         models: &grown.models,
         simplest: &grown.simplest,
@@ -474,8 +477,8 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
             });
         }
     }
-    let (mut forgiven, mut closed) = (BTreeSet::new(), BTreeSet::new());
-    let mut selected;
+    let (mut closed, mut ablated) = (BTreeSet::new(), BTreeSet::new());
+    let mut minimal;
     loop {
         search.run()?;
         if search.stopped {
@@ -487,8 +490,9 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         }
         begin_again(&mut search.pool)?;
         let before = search.pool.rank(search.pool.best());
-        selected = close(&mut search.pool, &forgiven, &mut closed)?;
-        // What came out of single moves around the simplest models may lead further.
+        minimal = ablate(&mut search, &mut closed, &mut ablated)?;
+        // What came out of single moves around the simplest models, or of a search without one of their
+        // effects, may lead further.
         let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
         if !gained
             || search.out_of_time
@@ -499,26 +503,12 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         }
     }
     let (out_of_time, mut pool) = (search.out_of_time, search.pool);
-    let mut weighed;
-    loop {
-        study
-            .watch
-            .event(&WatchEvent::Doing("weighing the evidence for each effect"));
-        let by_chance;
-        (weighed, by_chance) = weigh(&mut pool, &selected.minimal)?;
-        let before = forgiven.len();
-        forgiven.extend(by_chance);
-        if forgiven.len() == before {
-            break;
-        }
-        selected = close(&mut pool, &forgiven, &mut closed)?;
-    }
-    let simplest: Vec<Entry> = selected
-        .minimal
-        .iter()
-        .map(|k| pool.entries[k].clone())
-        .collect();
-    let end = end_of(&pool, &selected);
+    study
+        .watch
+        .event(&WatchEvent::Doing("weighing the evidence for each effect"));
+    let weighed = weigh(&mut pool, &minimal)?;
+    let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
+    let end = end_of(&pool, &minimal);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
     let mut thorough = study.thoroughly(&end.judged.model);
     if study.searched_beginnings() {
@@ -557,9 +547,11 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         )?);
     }
     let loops = other_loops(&simplest, &end_judged.model, loops);
+    let named = with_the_named_alone(study, &simplest, &weighed, &end, &end_judged);
     Ok(Grown {
         steps,
         weighed,
+        named,
         models: kept_models(&simplest),
         simplest,
         beside_start,
@@ -567,6 +559,56 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         out_of_time,
         ..Grown::default()
     })
+}
+
+/// Closes the pool around the simplest kept models and searches once more without each effect that they would
+/// name, until neither changes them: the keys of these models.
+fn ablate(
+    search: &mut Search,
+    closed: &mut BTreeSet<String>,
+    ablated: &mut BTreeSet<Vec<String>>,
+) -> Result<Vec<String>> {
+    loop {
+        let minimal = close(&mut search.pool, closed)?;
+        let entries: Vec<&Entry> = minimal.iter().map(|k| &search.pool.entries[k]).collect();
+        let open = slots(&entries).into_iter().map(|slot| slot.effects());
+        let open = open
+            .filter(|ids| !ids.is_empty() && !ablated.contains(ids))
+            .next();
+        let Some(ids) = open.filter(|_| !search.stopped && !search.out_of_time) else {
+            return Ok(minimal);
+        };
+        search
+            .study
+            .watch
+            .event(&WatchEvent::Doing("searching without what would be named"));
+        let from = search.pool.entries[&minimal[0]].clone();
+        search.run_without(&ids, &from)?;
+        ablated.insert(ids);
+    }
+}
+
+/// The model with the named effects and no others, fitted to its end; none where that is the model at the end.
+fn with_the_named_alone(
+    study: &Study,
+    simplest: &[Entry],
+    weighed: &[Weighed],
+    end: &Entry,
+    end_judged: &Judged,
+) -> Option<Judged> {
+    let simplest = simplest.first()?;
+    let is_named = |id: &String| weighed.iter().any(|w| w.slot.effects().contains(id));
+    let denied: Vec<String> = simplest
+        .added()
+        .into_iter()
+        .filter(|id| !is_named(id))
+        .collect();
+    if denied.is_empty() && simplest.moves == end.moves {
+        return Some(end_judged.clone());
+    }
+    let less = |model: Model, id: &String| study.without(&model, id);
+    let model = denied.iter().fold(simplest.judged.model.clone(), less);
+    Some(study.thoroughly(&model))
 }
 
 /// The best model of a pool with each effect that has several initial guesses begun again beside the others.
@@ -589,8 +631,8 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
 
 /// The model at the end: the best of those that have all that one of the simplest has, where every move must
 /// lower the error by the margin at the noise.
-fn end_of(pool: &Pool, selected: &Selected) -> Entry {
-    let simplest: Vec<&Entry> = selected.minimal.iter().map(|k| &pool.entries[k]).collect();
+fn end_of(pool: &Pool, minimal: &[String]) -> Entry {
+    let simplest: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
     let margin = pool.study.policy.matters_at_noise;
     let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
     let has_all = |e: &&Entry| {
@@ -715,11 +757,10 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         base,
         refitted,
         mut pool,
-        selected,
+        minimal,
         ..
     } = compared;
-    let simplest = selected
-        .minimal
+    let simplest = minimal
         .first()
         .map(|k| pool.entries[k].clone())
         .filter(|e| e.held);
@@ -793,13 +834,8 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         grown.tried = tried;
         fitted = steps[steps.len() - 1].judged.clone();
     } else {
-        let (weighed, _) = weigh(&mut pool, &selected.minimal)?;
-        grown.weighed = weighed;
-        grown.simplest = selected
-            .minimal
-            .iter()
-            .map(|k| pool.entries[k].clone())
-            .collect();
+        grown.weighed = weigh(&mut pool, &minimal)?;
+        grown.simplest = minimal.iter().map(|k| pool.entries[k].clone()).collect();
         grown.models = kept_models(&grown.simplest);
         grown.tried = pool
             .entries

@@ -56,21 +56,19 @@ impl Residuals {
     }
 }
 
-/// What speaks for a finding.
+/// What speaks for a finding: two models, each the best of a search of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "by")]
 pub enum Evidence {
     /// The data reject every model without it.
     Models {
-        /// Errors of the best model without it.
+        /// Errors of the best model without it that has no more moves.
         without: Residuals,
-        /// Errors of the best model with it.
+        /// Errors of the simplest model with it.
         with: Residuals,
         /// Standard errors by which the best model without it is worse beyond the margin; infinite, `null` in
         /// files, where its error is double.
         standard_errors: f64,
-        /// p-value of its signature, family-wise; none where it was not weighed.
-        p_value: Option<f64>,
     },
     /// The readings themselves show it, whatever the model.
     Readings,
@@ -146,7 +144,8 @@ pub struct CandidateFigures {
     pub explained_share_interval: (f64, f64),
     /// Share of the resampled blocks in which it explains most of all candidates.
     pub stability: f64,
-    /// p-value of its signature, family-wise over all candidates; none where it was not weighed.
+    /// p-value of its signature beside the model that was searched last, family-wise over all candidates; none
+    /// for what is named or was fitted: there two models speak ([`Evidence`]).
     pub p_value: Option<f64>,
     /// Held-out error without it.
     pub validate_rms_before_um: Option<f64>,
@@ -206,6 +205,12 @@ pub struct Diagnosis {
     pub sentence: String,
     /// Effects that the verdict is about.
     pub named: Vec<String>,
+    /// What was ahead where nothing can be decided.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub so_far: Vec<String>,
+    /// What the model at the end has beside the named effects, and does not need.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub also_in_the_model: Vec<String>,
     /// What was found, one entry for each missing effect.
     pub findings: Vec<Finding>,
     /// What the model at the end leaves.
@@ -227,6 +232,8 @@ pub struct Diagnosis {
     pub floor_estimates: Vec<FloorEstimate>,
     /// Errors of the model that was diagnosed.
     pub residual_rms_um: Residuals,
+    /// Errors of the model with the named effects alone.
+    pub residual_rms_named_um: Residuals,
     /// Errors of the model at the end.
     pub residual_rms_after_um: Residuals,
     /// Candidates, best first.

@@ -33,102 +33,115 @@ fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
-    // A damped first mode, and one with a damping ratio of 0.01.
-    for seed in [20, 0] {
-        let (truth, dataset, chain) = recorded(seed);
-        let design = order::design(
-            &chain,
-            &DesignOrder {
-                recording: Some(&dataset),
-                adaptation: true,
-                usual_margins: false,
-                ..DesignOrder::default()
-            },
-        )
-        .unwrap();
-        assert_eq!(design.scheme_name(), "predictor-adaptive");
-        assert!(
-            design
-                .explanation
-                .iter()
-                .any(|said| said.contains("corrected while it runs")),
-            "{:?}",
-            design.explanation
-        );
-        let without = ServoDesign {
-            adaptation: None,
-            ..design.clone()
-        };
-        // On the light stage what the wrong gain began with is still dying out after seven seconds.
-        let reference = sine_um(&truth, 150.0, 12.0);
-        for gain in [0.8, 0.9, 1.1, 1.2] {
-            let run = |way| {
-                adapted(
-                    &truth,
-                    AdaptationDrift::none(gain),
-                    &without,
-                    way,
-                    &reference,
-                )
-            };
-            let [before, after, known] = [
-                AdaptationWay::Nothing,
-                AdaptationWay::InTheTick,
-                AdaptationWay::Known,
-            ]
-            .map(run);
-            let [before_um, after_um, known_um] =
-                [&before, &after, &known].map(|found| found.at_last.rms_um);
-            println!(
-                "{seed}: gain {gain}: {:.2} nm, {:.2} adapted to {:.4}, {:.2} known",
-                1e3 * before_um,
-                1e3 * after_um,
-                after.gain,
-                1e3 * known_um
-            );
-            assert!(
-                before_um > 10.0 * after_um && after_um < 1.15 * known_um,
-                "{seed} {gain}"
-            );
-            assert!((after.gain / gain - 1.0).abs() < 0.005, "{}", after.gain);
-            assert_eq!(
-                (
-                    after.trace.limited_after(10_000),
-                    after.counters.saturated_values
-                ),
-                (0, 0)
-            );
+    with_other_gains(0, &[0.8, 1.2]);
+}
+
+/// Run by `cargo xtask full`.
+mod long {
+    #[test]
+    #[ignore = "two stages at four gains each"]
+    fn a_gain_that_is_off_costs_no_more_on_either_stage() {
+        for seed in [20, 0] {
+            super::with_other_gains(seed, &[0.8, 0.9, 1.1, 1.2]);
         }
-        // As far as the gain may be off, from one end to the other in four seconds, which is faster than it
-        // is followed, and back at rest.
-        for [from, to] in [[0.8, 1.2], [1.2, 0.8]] {
-            let mut slow_and_still = reference.clone();
-            let last = *slow_and_still.last().unwrap();
-            slow_and_still.extend(vec![last; 40_000]);
-            let found = adapted(
+    }
+}
+
+/// Stage 20 has a damped first mode, stage 0 one with a damping ratio of 0.01.
+fn with_other_gains(seed: u64, gains: &[f64]) {
+    let (truth, dataset, chain) = recorded(seed);
+    let design = order::design(
+        &chain,
+        &DesignOrder {
+            recording: Some(&dataset),
+            adaptation: true,
+            usual_margins: false,
+            ..DesignOrder::default()
+        },
+    )
+    .unwrap();
+    assert_eq!(design.scheme_name(), "predictor-adaptive");
+    assert!(
+        design
+            .explanation
+            .iter()
+            .any(|said| said.contains("corrected while it runs")),
+        "{:?}",
+        design.explanation
+    );
+    let without = ServoDesign {
+        adaptation: None,
+        ..design.clone()
+    };
+    // On the light stage what the wrong gain began with is still dying out after seven seconds.
+    let reference = sine_um(&truth, 150.0, 12.0);
+    for &gain in gains {
+        let run = |way| {
+            adapted(
                 &truth,
-                AdaptationDrift {
-                    from,
-                    to,
-                    lasts_s: 4.0,
-                },
+                AdaptationDrift::none(gain),
                 &without,
-                AdaptationWay::InTheTick,
-                &slow_and_still,
-            );
-            println!(
-                "{seed}: {from} to {to}: {:.2} nm at rest, adapted to {:.4}",
-                1e3 * found.at_last.rms_um,
-                found.gain
-            );
-            assert!(
-                found.at_last.rms_um < 3.0 * truth.noise_um
-                    && (0.8 - 1e-6..=1.2 + 1e-6).contains(&found.gain)
-            );
-        }
-        if seed == 20 {
-            commands_know_it(&design, &chain);
-        }
+                way,
+                &reference,
+            )
+        };
+        let [before, after, known] = [
+            AdaptationWay::Nothing,
+            AdaptationWay::InTheTick,
+            AdaptationWay::Known,
+        ]
+        .map(run);
+        let [before_um, after_um, known_um] =
+            [&before, &after, &known].map(|found| found.at_last.rms_um);
+        println!(
+            "{seed}: gain {gain}: {:.2} nm, {:.2} adapted to {:.4}, {:.2} known",
+            1e3 * before_um,
+            1e3 * after_um,
+            after.gain,
+            1e3 * known_um
+        );
+        assert!(
+            before_um > 10.0 * after_um && after_um < 1.15 * known_um,
+            "{seed} {gain}"
+        );
+        assert!((after.gain / gain - 1.0).abs() < 0.005, "{}", after.gain);
+        assert_eq!(
+            (
+                after.trace.limited_after(10_000),
+                after.counters.saturated_values
+            ),
+            (0, 0)
+        );
+    }
+    // As far as the gain may be off, from one end to the other in four seconds, which is faster than it
+    // is followed, and back at rest.
+    for [from, to] in [[0.8, 1.2], [1.2, 0.8]] {
+        let mut slow_and_still = reference.clone();
+        let last = *slow_and_still.last().unwrap();
+        slow_and_still.extend(vec![last; 40_000]);
+        let found = adapted(
+            &truth,
+            AdaptationDrift {
+                from,
+                to,
+                lasts_s: 4.0,
+            },
+            &without,
+            AdaptationWay::InTheTick,
+            &slow_and_still,
+        );
+        println!(
+            "{seed}: {from} to {to}: {:.2} nm at rest, adapted to {:.4}",
+            1e3 * found.at_last.rms_um,
+            found.gain
+        );
+        assert!(
+            found.at_last.rms_um < 3.0 * truth.noise_um
+                && (0.8 - 1e-6..=1.2 + 1e-6).contains(&found.gain)
+        );
+    }
+    if seed == 20 {
+        commands_know_it(&design, &chain);
     }
 }
 

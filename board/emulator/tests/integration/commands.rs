@@ -4,7 +4,8 @@
 use crate::common;
 
 use common::{
-    assert_texts, best_parameters, block, parameters, place_of, run_on, samples, texts, world,
+    assert_texts, best_parameters, block, parameters, place_of, run_command, run_on, samples,
+    texts, world,
 };
 use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -142,12 +143,7 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     let world = world();
     let mut parameters = parameters();
     parameters.guard.jump_codes = 20_000;
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, b"arm untested\nidentify 12000\n".to_vec())],
-        ..Script::listening(900 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, b"arm untested\nidentify 12000\n", 900);
     let (samples, lost) = samples(&outcome);
     let played: Vec<&TraceSample> = samples
         .iter()
@@ -222,12 +218,7 @@ fn no_mode_drives_faster_than_the_slew_limit() {
     parameters.servo.converters.slew_codes = 468; // 1 V a tick
     parameters.guard.ramp_codes = 400;
     let text = "arm untested\nconditioning waived\nplay sine 0 0 80000 400\n@5000 reference constant 9000\n@5001 enable\n@5400 reference constant 500\n@7000 disable\n";
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, text.into())],
-        ..Script::listening(450 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, text, 450);
     let codes = world.lock().expect("the world").codes.clone();
     let steps = |from: usize, to: usize| largest_step(&codes[from..to]);
     assert!(
@@ -260,12 +251,7 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
         pid.integral *= 6;
     }
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2000 reference constant 9000\n@3000 reference constant 1000\n@4000 disable\n";
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, text.into())],
-        ..Script::listening(230 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, text, 230);
     assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
     let steps = |from: usize, to: usize| largest_step(&codes[from..to]);
@@ -284,12 +270,7 @@ fn no_law_drives_beyond_the_limits_of_the_block() {
     // either side that the converter has.
     parameters.guard.tracking_ticks = 4000;
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, text.into())],
-        ..Script::listening(210 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, text, 210);
     assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
     let c = parameters.servo.converters;

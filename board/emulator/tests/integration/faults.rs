@@ -3,8 +3,8 @@
 use crate::common;
 
 use common::{
-    assert_texts, best_parameters, block, image, last_place_of, parameters, run_on, samples, texts,
-    world,
+    assert_texts, best_parameters, block, image, last_place_of, parameters, run_command, run_on,
+    samples, texts, world,
 };
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -131,12 +131,7 @@ fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
     parameters.guard.tracking_ticks = 200;
     parameters.guard.tracking_error = 100 << 24;
     let text = "trace 31 1\narm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2500 reference constant 9000\n";
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, text.into())],
-        ..Script::listening(230 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, text, 230);
     let (samples, _) = samples(&outcome);
     let first = samples
         .iter()

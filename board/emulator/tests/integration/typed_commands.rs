@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{block, parameters, run_on, samples, texts, world};
+use common::{block, parameters, run_command, run_on, samples, texts, world};
 use hysteron_core::amplifier::Mode;
 use hysteron_emulator::board::SafetyLine;
 use hysteron_emulator::converters::World;
@@ -102,12 +102,7 @@ fn what_leaves_the_limits_is_refused_with_them_and_nothing_moves() {
         "play chirp 1000 2000 60000 60000 100",
     ];
     let text = beyond.join("\n") + "\nreference constant 3000\n";
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, text.into())],
-        ..Script::listening(60 * MILLISECOND)
-    };
-    let outcome = run_on(&world, script);
+    let outcome = run_command(&world, &parameters, text, 60);
     let refused: Vec<&str> = outcome.texts_with("beyond the limits").collect();
     assert_eq!(refused.len(), beyond.len(), "{:?}", texts(&outcome));
     // 15 um of sensor with 16 codes at either end that it does not honestly give, from -1 um on.

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::hysteron;
+use common::{assert_done, hysteron};
 
 #[test]
 fn a_planted_stage_is_read_and_a_missing_column_is_named() {
@@ -11,11 +11,7 @@ fn a_planted_stage_is_read_and_a_missing_column_is_named() {
         &["axes", "plant", "coupling", "--out", "stage", "--seed", "3"],
         folder.path(),
     );
-    assert!(
-        planted.status.success(),
-        "{}",
-        String::from_utf8_lossy(&planted.stderr)
-    );
+    assert_done(&planted);
     let manifest = folder.path().join("stage/dataset.toml");
     let text = std::fs::read_to_string(&manifest).unwrap();
     std::fs::write(&manifest, text.replacen("\"u3\"", "\"u9\"", 1)).unwrap();

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{MANIFEST, folder_with_model, good_rows, hysteron, says};
+use common::{MANIFEST, assert_done, folder_with_model, good_rows, hysteron, says, words};
 use hysteron_sim::noise::WhiteNoise;
 use std::process::Command;
 
@@ -141,14 +141,7 @@ fn effects_that_are_not_known_or_not_in_the_data() {
         "{said}"
     );
     let output = hysteron(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "gain,load_force",
-            "--out",
-            "m.toml",
-        ],
+        &words("identify . --effects gain,load_force --out m.toml"),
         folder.path(),
     );
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -345,26 +338,12 @@ fn drives_out_of_reach_and_waveforms_without_end() {
         );
     }
     says(
-        &[
-            "simulate",
-            "m.toml",
-            "--drive",
-            "sine:-5:1:1:1",
-            "--out",
-            "y.csv",
-        ],
+        &words("simulate m.toml --drive sine:-5:1:1:1 --out y.csv"),
         folder.path(),
         "(HZ above 0)",
     );
     says(
-        &[
-            "simulate",
-            "m.toml",
-            "--drive",
-            "nowhere.csv",
-            "--out",
-            "y.csv",
-        ],
+        &words("simulate m.toml --drive nowhere.csv --out y.csv"),
         folder.path(),
         "neither a file that exists nor a waveform",
     );
@@ -460,14 +439,7 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
         "{said}"
     );
     let as_said = hysteron(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "gain",
-            "--timing",
-            "hold_after_sample",
-        ],
+        &words("identify . --effects gain --timing hold_after_sample"),
         folder.path(),
     );
     let said = String::from_utf8_lossy(&as_said.stdout).into_owned();
@@ -710,11 +682,7 @@ fn a_delay_says_from_which_drive_it_counts() {
             .concat(),
             folder.path(),
         );
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        assert_done(&output);
         String::from_utf8_lossy(&output.stdout).into_owned()
             + &std::fs::read_to_string(folder.path().join("found.json")).unwrap()
     };
@@ -817,21 +785,10 @@ fn what_would_be_another_question_than_was_asked_is_refused() {
     }
     // Loops that would go although nobody said so.
     let fitted = hysteron(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "prandtl_ishlinskii",
-            "--out",
-            "loops.toml",
-        ],
+        &words("identify . --effects prandtl_ishlinskii --out loops.toml"),
         place,
     );
-    assert!(
-        fitted.status.success(),
-        "{}",
-        String::from_utf8_lossy(&fitted.stderr)
-    );
+    assert_done(&fitted);
     says(
         &["add", "bouc_wen", "loops.toml", ".", "--out", "m2.toml"],
         place,

@@ -2,7 +2,7 @@
 #![cfg(feature = "lab")]
 
 use crate::common::gone_wrong::{CASES, Wrong};
-use crate::common::hysteron;
+use crate::common::{assert_done, hysteron};
 use hysteron_browser::LabSession;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -70,11 +70,7 @@ fn answered(wrong: Wrong) -> Value {
         ],
         folder.path(),
     );
-    assert!(
-        said.status.success(),
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
+    assert_done(&said);
     let mut cli = json_of(&folder.path().join("cli.json"));
     cli["seconds"] = json!(0.0);
     assert_eq!(cli, by_the_page(&data, wrong.base()), "{}", wrong.name());

@@ -1,7 +1,7 @@
 //! The guides in docs/ as somebody would follow them: their commands in their order, and what they say that
 //! the program says.
 
-use crate::common;
+use crate::common::{self, words};
 
 use std::path::Path;
 
@@ -170,15 +170,9 @@ fn a_session_with_the_recommended_drives_is_read_by_their_manifest_and_explained
             format!("t_s,u_v\n{played}"),
         )
         .unwrap();
-        run(&[
-            "simulate",
-            "actuator.toml",
-            "--drive",
-            "played.csv",
-            "--out",
-            "read.csv",
-            "--force",
-        ]);
+        run(&words(
+            "simulate actuator.toml --drive played.csv --out read.csv --force",
+        ));
         let read = std::fs::read_to_string(folder.path().join("read.csv")).unwrap();
         let noise =
             |k: usize| 0.014 * (((k as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5);

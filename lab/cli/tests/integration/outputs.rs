@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{folder_to_search, folder_with_model, good_rows, hysteron, says};
+use common::{assert_done, folder_to_search, folder_with_model, good_rows, hysteron, says, words};
 use std::path::Path;
 
 fn bytes(folder: &Path, file: &str) -> Vec<u8> {
@@ -154,15 +154,7 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
     }
     #[cfg(unix)]
     says(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "gain",
-            "--force",
-            "--out",
-            "/dev/null",
-        ],
+        &words("identify . --effects gain --force --out /dev/null"),
         folder.path(),
         "is a device or a pipe",
     );
@@ -185,21 +177,10 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
 fn signals_are_written_as_tables_that_fit_the_figures() {
     let folder = folder_to_search();
     let explained = hysteron(
-        &[
-            "explain",
-            ".",
-            "--series",
-            "signals",
-            "--json",
-            "figures.json",
-        ],
+        &words("explain . --series signals --json figures.json"),
         folder.path(),
     );
-    assert!(
-        explained.status.success(),
-        "{}",
-        String::from_utf8_lossy(&explained.stderr)
-    );
+    assert_done(&explained);
     let figures: serde_json::Value =
         serde_json::from_slice(&bytes(folder.path(), "figures.json")).unwrap();
     for record in figures["records"].as_array().unwrap() {
@@ -265,11 +246,7 @@ fn signals_are_written_as_tables_that_fit_the_figures() {
         &["identify", "signals/a.csv", "--effects", "gain"],
         folder.path(),
     );
-    assert!(
-        again.status.success(),
-        "{}",
-        String::from_utf8_lossy(&again.stderr)
-    );
+    assert_done(&again);
 }
 
 /// The sentence at the head of the page is that of the terminal, and its error that of the JSON.
@@ -287,22 +264,10 @@ fn the_page_of_a_comparison_says_what_the_terminal_says() {
         )
         .unwrap();
         let made = hysteron(
-            &[
-                "identify",
-                ".",
-                "--effects",
-                "gain",
-                "--out",
-                "m.toml",
-                "--force",
-            ],
+            &words("identify . --effects gain --out m.toml --force"),
             folder.path(),
         );
-        assert!(
-            made.status.success(),
-            "{}",
-            String::from_utf8_lossy(&made.stderr)
-        );
+        assert_done(&made);
         let compared = hysteron(
             &[
                 "compare", "m.toml", ".", "--json", "c.json", "--report", "c.html", "--force",

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{folder_with_model, hysteron, says};
+use common::{folder_with_model, hysteron, says, words};
 
 #[test]
 fn own_effects_that_cannot_be() {
@@ -82,14 +82,7 @@ fn a_model_that_gives_no_number_is_neither_compared_nor_simulated() {
         "divides gives no finite number",
     );
     says(
-        &[
-            "simulate",
-            "divides.toml",
-            "--drive",
-            "step:5:0.1",
-            "--out",
-            "y.csv",
-        ],
+        &words("simulate divides.toml --drive step:5:0.1 --out y.csv"),
         folder.path(),
         "divides gives no finite number",
     );

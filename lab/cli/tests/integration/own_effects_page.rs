@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::hysteron;
+use common::{assert_done, hysteron, words};
 use std::path::Path;
 
 const RATE_HZ: f64 = 1000.0;
@@ -63,21 +63,10 @@ fn recordings(folder: &Path, drives: [Vec<f64>; 2], reading_um: impl Fn(&[f64]) 
 fn fitted(folder: &Path, id: &str) -> impl Fn(&str) -> f64 {
     std::fs::write(folder.join("own.toml"), definition(id)).unwrap();
     let output = hysteron(
-        &[
-            "identify",
-            ".",
-            "--effects",
-            "gain,own.toml",
-            "--json",
-            "fit.json",
-        ],
+        &words("identify . --effects gain,own.toml --json fit.json"),
         folder,
     );
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_done(&output);
     let figures: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("fit.json")).unwrap()).unwrap();
     for record in figures["records"].as_array().unwrap() {

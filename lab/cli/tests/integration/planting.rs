@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{folder_with_model, hysteron, says};
+use common::{assert_done, folder_with_model, hysteron, says};
 
 #[test]
 fn a_set_of_cases_takes_its_strengths_from_one_place() {
@@ -70,11 +70,7 @@ fn a_strength_is_honoured() {
             &["plant", wanted, "--out", out, "--seed", "5"],
             folder.path(),
         );
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        assert_done(&output);
         let truth: serde_json::Value = serde_json::from_slice(
             &std::fs::read(folder.path().join(out).join("truth.json")).unwrap(),
         )

@@ -2,7 +2,7 @@
 //! what the board receives.
 #![cfg(unix)]
 
-use crate::common;
+use crate::common::{self, assert_done, words};
 
 use common::page::{Served, body};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -276,23 +276,10 @@ fn a_sine_is_where_it_is_in_time_and_frequency_and_the_file_is_a_recording() {
     );
     std::fs::write(folder.path().join("block.csv"), file).unwrap();
     let output = common::hysteron(
-        &[
-            "identify",
-            "block.csv",
-            "--effects",
-            "gain",
-            "--json",
-            "fit.json",
-            "--out",
-            "m.toml",
-        ],
+        &words("identify block.csv --effects gain --json fit.json --out m.toml"),
         folder.path(),
     );
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_done(&output);
     let missing = format!("{}&block=999999", scope.path("/save"));
     assert_eq!(scope.asked("GET", &missing, &[], b"").0, 404);
 
@@ -413,28 +400,12 @@ fn a_fault_is_told_in_words_a_board_that_goes_comes_back_and_stop_is_sent() {
 fn only_this_machine_is_served_and_ctrl_c_ends_it() {
     let folder = tempfile::tempdir().unwrap();
     common::says(
-        &[
-            "board",
-            "scope",
-            "--no-open",
-            "--tcp",
-            "127.0.0.1:1",
-            "--listen",
-            "0.0.0.0:0",
-        ],
+        &words("board scope --no-open --tcp 127.0.0.1:1 --listen 0.0.0.0:0"),
         folder.path(),
         "other machines",
     );
     common::says(
-        &[
-            "board",
-            "scope",
-            "--no-open",
-            "--tcp",
-            "127.0.0.1:1",
-            "--listen",
-            "here",
-        ],
+        &words("board scope --no-open --tcp 127.0.0.1:1 --listen here"),
         folder.path(),
         "--listen",
     );

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::{hysteron, says};
+use common::{hysteron, says, words};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -56,27 +56,14 @@ fn a_servo_is_judged_on_the_model_that_is_named() {
     let folder = folder();
     let folder = folder.path();
     says(
-        &[
-            "design",
-            "m.toml",
-            "--out",
-            "t.toml",
-            "--sensor-noise-um=-1",
-        ],
+        &words("design m.toml --out t.toml --sensor-noise-um=-1"),
         folder,
         "expected above 0",
     );
     assert!(!folder.join("t.toml").exists());
 
     let own = done(
-        &[
-            "check",
-            "s.toml",
-            "--model",
-            "m.toml",
-            "--report",
-            "page.html",
-        ],
+        &words("check s.toml --model m.toml --report page.html"),
         folder,
     );
     let page = std::fs::read_to_string(folder.join("page.html")).unwrap();
@@ -379,14 +366,7 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
         "{told}"
     );
     let slower = done(
-        &[
-            "design",
-            "slow.toml",
-            "--sensor-bandwidth-hz",
-            "1000",
-            "--out",
-            "slower.toml",
-        ],
+        &words("design slow.toml --sensor-bandwidth-hz 1000 --out slower.toml"),
         folder,
     );
     assert!(
@@ -394,13 +374,7 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
         "{slower}"
     );
     says(
-        &[
-            "design",
-            "m.toml",
-            "--sensor-bandwidth-hz=50",
-            "--out",
-            "no.toml",
-        ],
+        &words("design m.toml --sensor-bandwidth-hz=50 --out no.toml"),
         folder,
         "expected at least 160",
     );
@@ -446,15 +420,7 @@ fn a_servo_is_put_to_work_under_other_circumstances() {
 
     // Beyond its margins a load makes an end of it.
     let loaded = hysteron(
-        &[
-            "track",
-            "m.toml",
-            "s.toml",
-            "--reference",
-            "sine:20:3:5",
-            "--added-mass",
-            "20",
-        ],
+        &words("track m.toml s.toml --reference sine:20:3:5 --added-mass 20"),
         folder,
     );
     assert!(String::from_utf8_lossy(&loaded.stdout).contains("21 times the moving mass"));
@@ -477,27 +443,12 @@ fn a_servo_is_put_to_work_under_other_circumstances() {
         "expected um",
     );
     says(
-        &[
-            "track",
-            "m.toml",
-            "s.toml",
-            "--reference",
-            "sine:20:3",
-            "--disturbance",
-            "push:3",
-        ],
+        &words("track m.toml s.toml --reference sine:20:3 --disturbance push:3"),
         folder,
         "sine:HZ:UM",
     );
     says(
-        &[
-            "track",
-            "m.toml",
-            "s.toml",
-            "--reference",
-            "sine:20:3",
-            "--added-mass=-1",
-        ],
+        &words("track m.toml s.toml --reference sine:20:3 --added-mass=-1"),
         folder,
         "from 0 to 50",
     );
@@ -544,28 +495,13 @@ fn a_stage_without_loops_gets_a_servo_and_one_without_a_mode_is_told_why_not() {
             .for_each(|(p, value)| p.value = value);
     });
     done(
-        &[
-            "design",
-            "linear.toml",
-            "--out",
-            "servo.toml",
-            "--block",
-            "servo.block",
-        ],
+        &words("design linear.toml --out servo.toml --block servo.block"),
         folder,
     );
     let judged = done(&["check", "servo.toml", "--model", "linear.toml"], folder);
     assert!(judged.contains("predictor: stable"), "{judged}");
     let tracked = done(
-        &[
-            "track",
-            "linear.toml",
-            "servo.toml",
-            "--reference",
-            "sine:50:2",
-            "--json",
-            "t.json",
-        ],
+        &words("track linear.toml servo.toml --reference sine:50:2 --json t.json"),
         folder,
     );
     let text = std::fs::read_to_string(folder.join("t.json")).unwrap();
@@ -606,14 +542,7 @@ fn a_stage_without_loops_gets_a_servo_and_one_without_a_mode_is_told_why_not() {
     let unkept = done(&["explain", "slow.csv", "--from", "gain"], folder);
     assert!(!unkept.contains("servo"), "{unkept}");
     let explained = done(
-        &[
-            "explain",
-            "slow.csv",
-            "--from",
-            "gain",
-            "--out",
-            "slow.toml",
-        ],
+        &words("explain slow.csv --from gain --out slow.toml"),
         folder,
     );
     assert!(
@@ -680,16 +609,9 @@ fn a_servo_prints_a_band_over_plants_and_the_worst() {
     let folder = folder.path();
     let track = |more: &[&str]| done(&[&["track", "m.toml", "s.toml"], more].concat(), folder);
 
-    let sine = track(&[
-        "--reference",
-        "sine:150:3",
-        "--json",
-        "t.json",
-        "--report",
-        "t.html",
-        "--capacitance-uf",
-        "3",
-    ]);
+    let sine = track(&words(
+        "--reference sine:150:3 --json t.json --report t.html --capacitance-uf 3",
+    ));
     let text = std::fs::read_to_string(folder.join("t.json")).unwrap();
     let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
     let members = figures["band"]["members"].as_array().unwrap();
@@ -752,14 +674,7 @@ fn a_servo_prints_a_band_over_plants_and_the_worst() {
         "a step of zero",
     );
     says(
-        &[
-            "track",
-            "m.toml",
-            "s.toml",
-            "--reference",
-            "step:1",
-            "--capacitance-uf=-1",
-        ],
+        &words("track m.toml s.toml --reference step:1 --capacitance-uf=-1"),
         folder,
         "expected above 0",
     );
@@ -872,15 +787,7 @@ fn every_scheme_has_a_sentence_in_the_help() {
         }
     }
     says(
-        &[
-            "track",
-            "m.toml",
-            "s.toml",
-            "--reference",
-            "step:1",
-            "--scheme",
-            "lqg",
-        ],
+        &words("track m.toml s.toml --reference step:1 --scheme lqg"),
         folder.path(),
         "predictor",
     );

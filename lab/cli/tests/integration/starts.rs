@@ -2,7 +2,9 @@
 
 use crate::common;
 
-use common::{MANIFEST, folder_to_search, folder_with_model, good_rows, hysteron, says};
+use common::{
+    MANIFEST, assert_done, folder_to_search, folder_with_model, good_rows, hysteron, says,
+};
 
 #[test]
 fn lists_that_make_no_chain_are_refused_before_anything_is_fitted() {
@@ -39,11 +41,7 @@ fn a_search_that_starts_from_creep_alone_ends() {
         &["explain", ".", "--from", "creep", "--json", "x.json"],
         folder.path(),
     );
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_done(&output);
     let found: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.path().join("x.json")).unwrap()).unwrap();
     let effects: Vec<&str> = found["effects"]
@@ -141,11 +139,7 @@ fn one_file_can_be_two_records() {
             &["compare", "m.toml", ".", "--json", "x.json", "--force"],
             folder.path(),
         );
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        assert_done(&output);
         let found: serde_json::Value =
             serde_json::from_slice(&std::fs::read(folder.path().join("x.json")).unwrap()).unwrap();
         found["records"]

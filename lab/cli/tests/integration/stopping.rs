@@ -1,7 +1,7 @@
 //! Ctrl-C during a search: the best model so far is written, and said to be that.
 #![cfg(unix)]
 
-use crate::common;
+use crate::common::{self, assert_done};
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -59,11 +59,7 @@ fn the_best_so_far_is_written_and_said_as_such() {
     assert!(folder.path().join("m.html").exists());
     // What was written is a model like any other.
     let compared = common::hysteron(&["compare", "m.toml", example], folder.path());
-    assert!(
-        compared.status.success(),
-        "{}",
-        String::from_utf8_lossy(&compared.stderr)
-    );
+    assert_done(&compared);
     let compared = String::from_utf8_lossy(&compared.stdout).into_owned();
     assert!(
         compared.contains("times the noise of ") && compared.contains("`hysteron diagnose`"),

@@ -16,6 +16,7 @@
 
 #[cfg(feature = "readers")]
 pub mod behaviour;
+pub mod circumstances;
 pub mod column_rules;
 pub mod drive_variety;
 #[cfg(feature = "files")]

@@ -86,7 +86,7 @@ pub(super) fn runs_of_steps(drive_v: &[f64], holds: &[Range<usize>]) -> Vec<Step
 
 /// Whether the drive goes but from one level to the next, in less time than it stays there.
 fn is_step(drive_v: &[f64], way: Range<usize>, stays: usize) -> bool {
-    way.len() < 2 * PART_MIN || way.len() <= stays && turns(&drive_v[way]).len() < 2
+    way.len() < 2 * PART_MIN || way.len() <= stays && wide_turns(&drive_v[way]).len() < 2
 }
 
 /// Sections of the motion, of which `holds` are known, and how many kinds of it there are. None where it
@@ -280,7 +280,9 @@ fn has_other_loops_in_its_halves(drive_v: &[f64], section: &Section, end: usize)
     let inside = &drive_v[section.start()..end];
     let same = SAME_TURN * peak_to_peak(inside);
     let middle = section.middle() - section.start();
-    let (early, late): (Vec<_>, Vec<_>) = turns(inside).into_iter().partition(|(k, _)| *k < middle);
+    let (early, late): (Vec<_>, Vec<_>) = wide_turns(inside)
+        .into_iter()
+        .partition(|(k, _)| *k < middle);
     let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| {
         one.iter()
             .any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same))
@@ -294,8 +296,12 @@ pub(super) fn moves(signal: &[f64]) -> bool {
 }
 
 /// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.
-fn turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
-    let limit = 0.1 * peak_to_peak(drive_v);
+fn wide_turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
+    turns(drive_v, 0.1 * peak_to_peak(drive_v))
+}
+
+/// Samples and voltages at which the drive turns and goes back by more than a voltage.
+pub(super) fn turns(drive_v: &[f64], limit: f64) -> Vec<(usize, f64)> {
     let (mut turns, mut rising, mut extreme) = (
         Vec::new(),
         true,
@@ -314,7 +320,7 @@ fn turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
 
 /// Samples between turns of the drive, on average.
 fn time_between_turns(drive_v: &[f64]) -> usize {
-    drive_v.len() / (turns(drive_v).len() + 1)
+    drive_v.len() / (wide_turns(drive_v).len() + 1)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
 use super::screening::{CandidateScore, Screening};
-use super::selection::{Selected, select};
+use super::selection::select;
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
@@ -21,20 +21,15 @@ struct Dropped {
     near: bool,
 }
 
-/// Closes a pool around its simplest kept models and selects. `forgiven` as in [`select`].
+/// Closes a pool around its simplest kept models, and gives these.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn close(
-    pool: &mut Pool,
-    forgiven: &BTreeSet<String>,
-    done: &mut BTreeSet<String>,
-) -> Result<Selected> {
+pub fn close(pool: &mut Pool, done: &mut BTreeSet<String>) -> Result<Vec<String>> {
     loop {
-        let selected = select(pool, forgiven);
+        let minimal = select(pool);
         let policy = &pool.study.policy;
-        let open: Vec<String> = selected
-            .minimal
+        let open: Vec<String> = minimal
             .iter()
             .take(policy.closed_around)
             .filter(|k| !done.contains(*k))
@@ -42,7 +37,7 @@ pub fn close(
             .collect();
         let spent = done.len() >= policy.closures_max || pool.study.watch.stopped();
         let Some(key) = open.into_iter().next().filter(|_| !spent) else {
-            return Ok(selected);
+            return Ok(minimal);
         };
         close_around(pool, &key)?;
         done.insert(key);

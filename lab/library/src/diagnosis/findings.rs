@@ -1,16 +1,16 @@
-//! What the simplest kept models have in common, and where they differ, with the evidence for each.
+//! What the simplest kept models have in common, and where they differ, with the evidence for each: the best
+//! model without it, for which a search of its own looked, beside the one with it.
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
 use super::screening::Screening;
-use super::selection::{Fate, confidence_set};
+use super::selection::{Fate, confidence_set_in};
 use super::study::Study;
 use crate::error::Result;
 use crate::outcome::{Evidence, Finding, Residuals};
 use crate::parallel;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Doubt;
-use std::collections::BTreeSet;
 
 /// One thing that the simplest kept models have: the same move in all, or in each one of these.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,8 +52,6 @@ pub struct Weighed {
     pub screening: Option<Screening>,
     /// What speaks for it.
     pub evidence: Evidence,
-    /// Key of the model without it.
-    without_key: String,
 }
 
 impl Weighed {
@@ -148,126 +146,108 @@ pub fn unlikely(model: &Model, id: &str) -> Option<String> {
     Some(because)
 }
 
-/// Weighs each slot of the simplest kept models. The second part of what comes back are models that stand
-/// after all: what a model has beside them is not seen beyond chance.
+/// Weighs each slot of the simplest kept models; what does not survive its test is left out.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn weigh(pool: &mut Pool, minimal: &[String]) -> Result<(Vec<Weighed>, BTreeSet<String>)> {
-    let entries: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
-    let Some(best) = entries.first() else {
-        return Ok((Vec::new(), BTreeSet::new()));
+pub fn weigh(pool: &mut Pool, minimal: &[String]) -> Result<Vec<Weighed>> {
+    let Some(best) = minimal.first() else {
+        return Ok(Vec::new());
     };
-    let slots = slots(&entries.iter().collect::<Vec<_>>());
-    let without: Vec<Option<String>> = slots.iter().map(|slot| best_without(pool, slot)).collect();
-    let keys: Vec<String> = without
-        .iter()
-        .flatten()
-        .cloned()
-        .chain(minimal.first().cloned())
-        .collect();
+    let entries: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
+    let (slots, size) = (slots(&entries), entries[0].moves.len());
+    let pair = |slot: &Slot| Some([best_without(pool, slot, size)?, best.clone()]);
+    let pairs: Vec<Option<[String; 2]>> = slots.iter().map(pair).collect();
+    let keys: Vec<String> = pairs.iter().flatten().flatten().cloned().collect();
     pool.compare(&keys);
     pool.weigh(&keys);
     let study = pool.study;
-    let cases: Vec<(usize, Slot, String)> = slots
+    let entry = |key: &String| &pool.entries[key];
+    let cases: Vec<(usize, Slot, [&Entry; 2])> = slots
         .into_iter()
-        .zip(without)
+        .zip(pairs)
         .enumerate()
-        .filter_map(|(i, (slot, key))| key.map(|key| (i, slot, key)))
+        .filter_map(|(i, (slot, pair))| pair.map(|pair| (i, slot, pair.each_ref().map(entry))))
         .collect();
-    let weighed = parallel::map(&cases, |(i, slot, key)| {
-        one(study, pool, best, slot, key, *i as u64)
-    });
-    let mut weighed: Vec<Weighed> = weighed.into_iter().collect::<Result<_>>()?;
+    let weighed = parallel::map(&cases, |(i, slot, pair)| one(study, slot, *pair, *i as u64));
+    let mut weighed: Vec<Weighed> = weighed
+        .into_iter()
+        .filter_map(Result::transpose)
+        .collect::<Result<_>>()?;
     weighed.sort_by(|a, b| study.merit(&b.without).total_cmp(&study.merit(&a.without)));
-    let by_chance = |w: &&Weighed| {
-        let Evidence::Models {
-            p_value: Some(p), ..
-        } = w.evidence
-        else {
-            return false;
-        };
-        let at_the_noise = study.floor_um.is_none()
-            || w.without
-                .within(study.policy.explained, &study.floors_um, &study.split);
-        p > study.policy.family_wise && at_the_noise
-    };
-    let forgiven = weighed
-        .iter()
-        .filter(by_chance)
-        .map(|w| w.without_key.clone())
-        .collect();
-    Ok((weighed, forgiven))
+    Ok(weighed)
 }
 
-/// The best model of a pool that has nothing of a slot.
-fn best_without(pool: &Pool, slot: &Slot) -> Option<String> {
-    pool.ranked()
-        .into_iter()
-        .find(|(_, e)| !e.is_excluded() && slot.moves.iter().all(|m| !e.moves.contains(m)))
+/// The best model of a pool that has nothing of a slot and no more moves than so many: two effects in the place
+/// of one do not deny it.
+fn best_without(pool: &Pool, slot: &Slot, size: usize) -> Option<String> {
+    let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
+    let mut ranked = pool.ranked().into_iter();
+    ranked
+        .find(|(_, e)| !e.is_excluded() && e.moves.len() <= size && lacks(e))
         .map(|(k, _)| k.clone())
 }
 
+/// A slot with its evidence; none where the model without it is not rejected beside the one with it, or is
+/// better on the fitted or on the held-out records alone.
 fn one(
     study: &Study,
-    pool: &Pool,
-    best: &Entry,
     slot: &Slot,
-    key: &str,
+    [without, with]: [&Entry; 2],
     seed: u64,
-) -> Result<Weighed> {
-    let without = &pool.entries[key];
-    let losses = without
-        .losses
-        .as_ref()
-        .zip(best.losses.as_ref().or_else(|| {
-            pool.entries
-                .get(&super::pool::key(&best.moves, &best.judged.model))?
-                .losses
-                .as_ref()
-        }));
+) -> Result<Option<Weighed>> {
+    let losses = without.losses.as_ref().zip(with.losses.as_ref());
     let fate = losses.map_or(Fate::Kept, |(without, with)| {
-        confidence_set(study, &[without, with])[0]
+        confidence_set_in(study, &[without, with])[0]
     });
-    let standard_errors = if let Fate::Rejected(by) = fate {
-        by
-    } else {
-        0.0
+    let errors = [&without.judged, &with.judged].map(Residuals::of);
+    let Fate::Rejected(standard_errors) = fate else {
+        return Ok(None);
     };
-    let (mut screening, mut p_value) = (None, None);
-    if let Some(Move::Added(id)) = slot.moves.first().filter(|_| !best.held) {
-        let model = &without.judged.model;
-        let weighed = study.weigh(
-            model,
-            &study.candidates_for(model),
-            study.policy.seed + seed,
-        )?;
-        // Loops stand in the place of a gain, which moves with all the rest once they are gone: their
-        // signature says little, and the errors decide.
-        let is_main = best
-            .judged
-            .model
-            .effect(id)
-            .is_some_and(|e| e.effect.declaration().is_main());
-        let evidence = weighed
-            .scores
-            .iter()
-            .find(|s| s.id == *id)
-            .and_then(|s| s.evidence.as_ref());
-        p_value = evidence.map(|e| e.p_adjusted).filter(|_| !is_main);
-        screening = Some(weighed);
+    if is_better_somewhere(errors, study.policy.matters_at_noise) {
+        return Ok(None);
     }
-    let evidence = Evidence::Models {
-        without: Residuals::of(&without.judged),
-        with: Residuals::of(&best.judged),
-        standard_errors,
-        p_value,
-    };
-    Ok(Weighed {
+    let mut screening = None;
+    if let Some(Move::Added(_)) = slot.moves.first().filter(|_| !with.held) {
+        let model = &without.judged.model;
+        let candidates = study.candidates_for(model);
+        screening = Some(study.weigh(model, &candidates, study.policy.seed + seed)?);
+    }
+    let [without_errors, with_errors] = errors;
+    Ok(Some(Weighed {
         slot: slot.clone(),
         without: without.judged.clone(),
         screening,
-        evidence,
-        without_key: key.to_owned(),
-    })
+        evidence: Evidence::Models {
+            without: without_errors,
+            with: with_errors,
+            standard_errors,
+        },
+    }))
+}
+
+/// Whether the first of two models is better on the fitted or on the held-out records alone, by more than a
+/// share of the mean square.
+fn is_better_somewhere([one, other]: [Residuals; 2], share: f64) -> bool {
+    let better = |one: f64, other: f64| one * one * (1.0 + share) < other * other;
+    let held_out = one.validate.zip(other.validate);
+    better(one.identify, other.identify) || held_out.is_some_and(|(a, b)| better(a, b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effect_that_one_side_does_better_without_is_not_named() {
+        let errors = |identify: f64, held_out: f64| Residuals {
+            identify,
+            validate: Some(held_out),
+        };
+        let denied = |without, with| is_better_somewhere([without, with], 0.04);
+        assert!(denied(errors(29.0, 443.0), errors(76.6, 437.0)));
+        assert!(denied(errors(39.0, 58.0), errors(11.0, 71.0)));
+        assert!(!denied(errors(200.0, 210.0), errors(6.0, 6.1)));
+        assert!(!denied(errors(2.0, 210.0), errors(2.01, 6.1)));
+    }
 }

@@ -7,7 +7,7 @@
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
-use super::selection::{Fate, Losses, Selected, confidence_set, select};
+use super::selection::{rejects, select};
 use super::study::Study;
 use crate::error::Result;
 use crate::identification::finer_hysteresis::main_effect;
@@ -19,7 +19,6 @@ use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::Place;
-use std::collections::BTreeSet;
 
 /// What a comparison with a prior model came to.
 pub struct Compared<'s, 'a> {
@@ -31,8 +30,8 @@ pub struct Compared<'s, 'a> {
     pub at_home: bool,
     /// Everything that was tried.
     pub pool: Pool<'s, 'a>,
-    /// The simplest that the data cannot reject.
-    pub selected: Selected,
+    /// Keys of the simplest that the data cannot reject.
+    pub minimal: Vec<String>,
 }
 
 /// Tries moves beside a prior model.
@@ -46,8 +45,7 @@ pub fn compare<'s, 'a>(study: &'s Study<'a>, base: Judged) -> Result<Compared<'s
     let refitted = study.thoroughly(&base.model);
     let mut pool = Pool::of(study, &holding(&base.model, |_, _| true));
     pool.entries.values_mut().for_each(|root| root.held = true);
-    let losses = [&base, &refitted].map(|judged| Losses::of(study, judged.model.clone()));
-    let at_home = confidence_set(study, &losses.each_ref())[0] == Fate::Kept;
+    let at_home = !rejects(study, &base, &refitted);
     if !at_home && !study.watch.stopped() {
         let all = refitted
             .model
@@ -66,17 +64,17 @@ pub fn compare<'s, 'a>(study: &'s Study<'a>, base: Judged) -> Result<Compared<'s
         });
         tell(&mut pool, &base.model)?;
     }
-    let selected = if at_home {
-        Selected::default()
+    let minimal = if at_home {
+        Vec::new()
     } else {
-        select(&mut pool, &BTreeSet::new())
+        select(&mut pool)
     };
     Ok(Compared {
         base,
         refitted,
         at_home,
         pool,
-        selected,
+        minimal,
     })
 }
 
@@ -93,9 +91,7 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
             .map(|(k, _)| k.clone())
             .collect();
         extend(pool, &parents, prior)?;
-        let selected = select(pool, &BTreeSet::new());
-        let level = selected
-            .minimal
+        let level = select(pool)
             .first()
             .map_or(usize::MAX, |k| pool.entries[k].moves.len());
         if level <= moves || pool.study.watch.stopped() {
@@ -104,9 +100,7 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
     }
     // What stands beside a first move may as well stand beside the second: each is dropped, and all is tried
     // in its place.
-    let selected = select(pool, &BTreeSet::new());
-    let minimal: Vec<Vec<Move>> = selected
-        .minimal
+    let minimal: Vec<Vec<Move>> = select(pool)
         .iter()
         .map(|k| pool.entries[k].moves.clone())
         .collect();

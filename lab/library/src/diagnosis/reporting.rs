@@ -23,6 +23,8 @@ pub struct Found<'a> {
     pub first: &'a Judged,
     /// The model at the end.
     pub last: &'a Judged,
+    /// The model that has the named effects and nothing else.
+    pub named: &'a Judged,
     /// What the simplest kept models have.
     pub weighed: &'a [Weighed],
     /// The simplest kept models.
@@ -101,10 +103,16 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             evidence: Evidence::Readings,
         });
     }
+    // A name that no search tried to do without may be wrong, at the noise as well.
+    let is_early = found.out_of_time && (!findings.is_empty() || !within(policy.explained));
     let reason = blocked
         .or_else(|| found.stopped.then_some(Reason::Stopped))
         .or_else(|| below.then_some(Reason::BelowTheNoise))
-        .or_else(|| (found.out_of_time && !within(policy.explained)).then_some(Reason::OutOfTime))
+        .or_else(|| is_early.then_some(Reason::OutOfTime))
+        .or_else(|| {
+            let fails = !findings.is_empty() && study.fails_to_generalise(found.named);
+            fails.then_some(Reason::DoesNotGeneralise)
+        })
         .or_else(|| (floor.rms_um.is_none() && !at_the_bound).then_some(Reason::NoiseUnknown));
     let or = |f: &Finding| f.effects.len() + f.or_other_values_of.len() > 1;
     let excluded = found.last.model.effects.iter().any(|e| {
@@ -112,6 +120,26 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             && found.last.model.ruled_out_because(&e.id).is_some()
     });
     let only_values = findings.iter().all(|f| f.effects.is_empty());
+    // What a search found that ended early, or a model that holds nowhere else, is no name.
+    let early = matches!(
+        reason,
+        Some(Reason::Stopped | Reason::OutOfTime | Reason::DoesNotGeneralise)
+    );
+    let new = |judged: &Judged| {
+        let mut ids = judged.model.effect_ids();
+        ids.retain(|id| {
+            found.first.model.effect(id).is_none() && Some(id.as_str()) != found.quantised
+        });
+        ids
+    };
+    let so_far: Vec<String> = match (early, findings.is_empty()) {
+        (false, _) => Vec::new(),
+        (true, true) => new(found.last),
+        (true, false) => findings.iter().flat_map(about).cloned().collect(),
+    };
+    if early {
+        findings.clear();
+    }
     let verdict = match (findings.is_empty(), reason) {
         // Nothing is missing where other values reach the noise.
         (false, None) if only_values && within(study.as_the_noise()) => Verdict::AtFloor,
@@ -121,6 +149,13 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         (true, None) if within(study.as_the_noise()) && !excluded => Verdict::AtFloor,
         (true, None) => Verdict::Unexplained,
     };
+    let named: Vec<String> = if verdict == Verdict::AtFloor {
+        Vec::new()
+    } else {
+        findings.iter().flat_map(about).cloned().collect()
+    };
+    let mut also_in_the_model = new(found.last);
+    also_in_the_model.retain(|id| !early && !named.contains(id));
     let rms_um = found.last.error_um();
     let issues = std::mem::take(&mut found.issues);
     let mut out = Diagnosis {
@@ -128,11 +163,9 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         verdict,
         reason,
         sentence: String::new(),
-        named: if verdict == Verdict::AtFloor {
-            Vec::new()
-        } else {
-            findings.iter().flat_map(about).cloned().collect()
-        },
+        named,
+        so_far,
+        also_in_the_model,
         findings,
         remainder: Remainder {
             rms_um,
@@ -146,6 +179,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),
         residual_rms_um: Residuals::of(found.first),
+        residual_rms_named_um: Residuals::of(found.named),
         residual_rms_after_um: Residuals::of(found.last),
         candidates: candidate_figures(&found, floor, study),
         where_it_fails: cells(found.first, dataset),
@@ -159,7 +193,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
                 .for_each(|c| c.next_experiment.clone_from(&none));
         }
     }
-    out.sentence = words::sentence(&out, found.first, found.last, dataset, study);
+    out.sentence = words::sentence(&out, found.first, dataset, study);
     out
 }
 
@@ -284,6 +318,7 @@ fn of_a_slot(
         };
         out.validate_rms_after_um = entry.judged.validate_rms_um;
         out.identify_rms_after_um = Some(entry.judged.identify_rms_um);
+        out.p_value = None;
         out.unlikely_because = unlikely(&entry.judged.model, &score.id);
         out.confusable_with
             .extend(effects.iter().filter(|id| **id != score.id).cloned());

@@ -14,7 +14,7 @@
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
-use super::study::Study;
+use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::identification::finer_hysteresis;
 use crate::parallel;
@@ -25,7 +25,8 @@ use std::collections::BTreeSet;
 
 /// A search over the models of a pool.
 pub struct Search<'s, 'a> {
-    study: &'s Study<'a>,
+    /// Data, candidates and thresholds.
+    pub study: &'s Study<'a>,
     /// Everything that was fitted.
     pub pool: Pool<'s, 'a>,
     /// Effects of the model that it begins at.
@@ -33,6 +34,10 @@ pub struct Search<'s, 'a> {
     /// Additions that did much worse than what they extend, by name.
     hopeless: BTreeSet<String>,
     structures_tried: bool,
+    /// Effects that no model of this search may have.
+    without: Vec<String>,
+    /// Moves that a model of this search may have, at most.
+    most_moves: usize,
     /// The caller wanted the best so far.
     pub stopped: bool,
     /// Its time was over before it found nothing more.
@@ -73,12 +78,15 @@ impl<'s, 'a> Search<'s, 'a> {
             .start()
             .map_or_else(Vec::new, |e| e.judged.model.effect_ids());
         let (hopeless, study) = (BTreeSet::new(), pool.study);
+        let most_moves = study.policy.effects_max + pool.origin.len();
         Self {
             study,
             pool,
             start,
             hopeless,
             structures_tried: false,
+            without: Vec::new(),
+            most_moves,
             stopped: false,
             out_of_time: false,
         }
@@ -125,6 +133,77 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(())
     }
 
+    /// A search of its own for the best model without some effects and with no more moves than a model has: from
+    /// this model less the effects, every other move open, until nothing better comes or one does as well as the
+    /// best of all.
+    ///
+    /// # Errors
+    /// A candidate that gives something that is no number.
+    pub fn run_without(&mut self, ids: &[String], from: &Entry) -> Result<()> {
+        let (study, most_moves) = (self.study, self.most_moves);
+        self.without = ids.to_vec();
+        self.most_moves = from.moves.len();
+        self.structures_tried = false;
+        let of = self.pool.best().merit;
+        let less = |model: Model, id: &String| study.without(&model, id);
+        let begin = ids.iter().fold(from.judged.model.clone(), less);
+        let judged = study.quickly_within(&begin, of, FAR_BEHIND);
+        let has = |m: &&Move| judged.model.effect(m.effect()).is_some();
+        let moves = from.moves.iter().filter(has).cloned().collect();
+        self.pool.keep(Entry::new(study, moves, judged, false));
+        let found = self.ablation_rounds();
+        self.without.clear();
+        self.most_moves = most_moves;
+        found
+    }
+
+    fn ablation_rounds(&mut self) -> Result<()> {
+        for _ in 0..self.study.policy.effects_max {
+            self.stopped = self.study.watch.stopped();
+            self.out_of_time |= self.study.watch.searched_enough();
+            let (best, of_all) = (self.best(), self.pool.best());
+            // As good as the model with the effects: selection compares both.
+            let as_good = self.pool.rank(best) <= self.pool.rank(of_all);
+            if self.stopped || self.out_of_time || as_good {
+                return Ok(());
+            }
+            // What is further behind, and promises no more than to stay so, is rejected whatever comes of it.
+            let (before, reach) = (self.pool.rank(best), of_all.merit + FAR_BEHIND);
+            let is_near = best.merit <= reach;
+            let mut proposals = self.propose()?;
+            proposals.retain(|p| p.promise.ln() <= reach);
+            if is_near && !self.structures_tried {
+                proposals.extend(self.propose_structures());
+            }
+            if proposals.is_empty() {
+                return Ok(());
+            }
+            self.fit(proposals);
+            let best: Vec<String> = self.open().take(1).map(|(k, _)| k.clone()).collect();
+            self.pool.compare(&best);
+            if before - self.pool.rank(self.best()) <= self.study.policy.least_gain {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// The models that this search may have, best first.
+    fn open(&self) -> impl Iterator<Item = (&String, &Entry)> {
+        let may_have = |(_, e): &(&String, &Entry)| {
+            let has = |id: &String| e.judged.model.effect(id).is_some();
+            self.without.is_empty()
+                || e.moves.len() <= self.most_moves && !self.without.iter().any(has)
+        };
+        self.pool.ranked().into_iter().filter(may_have)
+    }
+
+    /// The best of these of which no effect is excluded by its own physics, or else the best.
+    fn best(&self) -> &Entry {
+        let admissible = self.open().find(|(_, e)| !e.is_excluded());
+        admissible.map_or_else(|| self.pool.best(), |(_, e)| e)
+    }
+
     /// Nothing is left to be explained.
     fn settled(&self) -> bool {
         let best = &self.pool.best().judged;
@@ -156,7 +235,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let mut out: Vec<Proposal> = Vec::new();
         // Beside loops that were there from the beginning another structure is no effect more.
         let loops_added = self.start.iter().any(|id| id == gain::ID);
-        for entry in std::iter::once(self.pool.best()).chain(self.pool.start()) {
+        for entry in std::iter::once(self.best()).chain(self.pool.start()) {
             for begin in
                 finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview)
             {
@@ -170,7 +249,11 @@ impl<'s, 'a> Search<'s, 'a> {
                     .collect();
                 moves.sort();
                 let key = key(&moves, &begin);
-                if !self.pool.entries.contains_key(&key) && !out.iter().any(|p| p.key == key) {
+                let may_have = !self.without.iter().any(|id| begin.effect(id).is_some());
+                if may_have
+                    && !self.pool.entries.contains_key(&key)
+                    && !out.iter().any(|p| p.key == key)
+                {
                     let of = entry.merit + self.study.policy.loops_come_near;
                     out.push(Proposal {
                         key,
@@ -189,16 +272,14 @@ impl<'s, 'a> Search<'s, 'a> {
     /// Extensions of the best models that have not been extended.
     fn propose(&mut self) -> Result<Vec<Proposal>> {
         let (study, policy) = (self.study, &self.study.policy);
-        let best = self.pool.best();
+        let best = self.best();
         let (kind, near) = (
             has_surfaces(&best.judged.model),
             self.pool.rank(best) + policy.loops_come_near,
         );
         let far_above = !study.near_the_noise(&best.judged);
         let open = |of: bool| {
-            self.pool
-                .ranked()
-                .into_iter()
+            self.open()
                 .filter(move |(_, e)| !e.extended && has_surfaces(&e.judged.model) == of)
         };
         let others = open(!kind)
@@ -216,7 +297,8 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         let screenings = parallel::map(&extended, |(_, entry)| {
             let model = &entry.judged.model;
-            let candidates = study.candidates_for(model);
+            let mut candidates = study.candidates_for(model);
+            candidates.retain(|e| !self.without.contains(&e.declaration().id));
             study.watch.event(&WatchEvent::Scoring {
                 candidates: candidates.len(),
                 beside: &entry.added(),
@@ -268,7 +350,7 @@ impl<'s, 'a> Search<'s, 'a> {
     /// The effects and the pairs that promise most beside a model.
     fn propose_effects(&self, entry: &Entry, screening: &Screening, out: &mut Vec<Proposal>) {
         let policy = &self.study.policy;
-        let room = (policy.effects_max + self.pool.origin.len()).saturating_sub(entry.moves.len());
+        let room = self.most_moves.saturating_sub(entry.moves.len());
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
         let scores = &screening.scores;
         let at_the_noise = self.study.merit_is_at_the_noise(entry.merit);

@@ -13,15 +13,14 @@
 //! something that is larger than any difference below a share of that remainder, and the margin grows by it.
 
 use super::judgement::Judged;
-use super::policy::Policy;
-use super::pool::{Entry, Pool};
+use super::pool::Pool;
 use super::study::Study;
 use crate::identification::fit::{blocks, dot};
 use hysteron_sim::chain::Model;
 use nalgebra::DMatrix;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Mean squares of a model by block, of every judged record.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,8 +86,8 @@ pub enum Fate {
     Rejected(f64),
 }
 
-/// What two models are compared on: one record, or all.
-struct Scale {
+/// How losses are compared: units, weights and margins by record.
+pub struct Scale {
     /// Weight of each record in the whole.
     weights: Vec<f64>,
     /// Which records are held out.
@@ -97,6 +96,10 @@ struct Scale {
     unit_um2: Vec<f64>,
     /// Differences below this many units do not matter, by record.
     margin: Vec<f64>,
+    /// Held-out errors that differ by less than this share do not differ.
+    same_held_out: f64,
+    /// A mean square below this share of another needs no test.
+    beyond_chance: f64,
 }
 
 /// Resamples of the blocks.
@@ -104,19 +107,25 @@ const RESAMPLES: usize = 400;
 /// Neighbouring blocks that are drawn together: what rings beyond one block is not cut.
 const DRAWN_TOGETHER: usize = 3;
 
-/// The confidence set of models by their losses.
+/// The confidence set of models by their losses: a function of these alone. `size` is the probability that
+/// anything is rejected where nothing differs, over all models and records together.
 #[must_use]
-pub fn confidence_set(study: &Study, losses: &[&Losses]) -> Vec<Fate> {
-    let scale = Scale::of(study, losses);
-    let compared = Compared::of(&scale, losses, &study.policy);
-    compared.eliminated(&study.policy)
+pub fn confidence_set(losses: &[&Losses], scale: &Scale, size: f64, seed: u64) -> Vec<Fate> {
+    Compared::of(scale, losses, seed).eliminated(size)
+}
+
+/// The confidence set of models on the records of a study.
+#[must_use]
+pub fn confidence_set_in(study: &Study, losses: &[&Losses]) -> Vec<Fate> {
+    let (scale, policy) = (Scale::of(study, losses), &study.policy);
+    confidence_set(losses, &scale, policy.family_wise, policy.seed)
 }
 
 /// Whether the data reject a model beside another.
 #[must_use]
 pub fn rejects(study: &Study, one: &Judged, beside: &Judged) -> bool {
     let losses = [one, beside].map(|judged| Losses::of_judged(study, judged));
-    confidence_set(study, &losses.each_ref())[0] != Fate::Kept
+    confidence_set_in(study, &losses.each_ref())[0] != Fate::Kept
 }
 
 impl Scale {
@@ -163,6 +172,8 @@ impl Scale {
             held_out: both.iter().map(is_held_out).collect(),
             unit_um2,
             margin,
+            same_held_out: policy.matters_at_noise,
+            beyond_chance: (1.0 - policy.beyond_chance).powi(2),
         }
     }
 }
@@ -176,12 +187,14 @@ struct Compared {
     /// The weighted mean of the held-out records, by model.
     held_out: Vec<f64>,
     margins: Vec<f64>,
+    same_held_out: f64,
+    beyond_chance: f64,
 }
 
 impl Compared {
-    fn of(scale: &Scale, losses: &[&Losses], policy: &Policy) -> Self {
+    fn of(scale: &Scale, losses: &[&Losses], seed: u64) -> Self {
         let (records, models) = (scale.weights.len(), losses.len());
-        let mut random = Pcg64Mcg::seed_from_u64(policy.seed);
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut means = vec![vec![0.0; models]; records + 1];
         let mut resampled = vec![vec![vec![0.0; models]; RESAMPLES]; records + 1];
         let mut held_out = vec![0.0; models];
@@ -216,22 +229,23 @@ impl Compared {
             resampled,
             held_out,
             margins: scale.margin.iter().copied().chain([all]).collect(),
+            same_held_out: scale.same_held_out,
+            beyond_chance: scale.beyond_chance,
         }
     }
 
     /// By how many standard errors one model is worse than another beyond the margin, and the same of every
     /// resample beside its own mean. On one record alone a model counts as worse only if it is also worse
     /// on the mean of all, and the other is not worse on the held-out records.
-    fn worse(&self, one: usize, other: usize, policy: &Policy) -> (f64, Vec<f64>) {
+    fn worse(&self, one: usize, other: usize) -> (f64, Vec<f64>) {
         let all = self.means.len() - 1;
         let mut most = f64::NEG_INFINITY;
         let mut by_chance = vec![f64::NEG_INFINITY; RESAMPLES];
         let in_all = self.means[all][one] - self.means[all][other];
-        let holds = self.held_out[other] <= (1.0 + policy.matters_at_noise) * self.held_out[one];
+        let holds = self.held_out[other] <= (1.0 + self.same_held_out) * self.held_out[one];
         // Of a few events, as of a ring behind each of some steps, resamples say little; an error that
         // doubles needs no test.
-        let kept_share = 1.0 - policy.beyond_chance;
-        if self.means[all][other] < kept_share * kept_share * self.means[all][one] {
+        if self.means[all][other] < self.beyond_chance * self.means[all][one] {
             most = f64::INFINITY;
         }
         for k in 0..=all {
@@ -256,14 +270,10 @@ impl Compared {
     }
 
     /// Rejects the worst until none is worse than another by more than chance.
-    fn eliminated(&self, policy: &Policy) -> Vec<Fate> {
+    fn eliminated(&self, size: f64) -> Vec<Fate> {
         let models = self.means[0].len();
         let pairs: Vec<Vec<(f64, Vec<f64>)>> = (0..models)
-            .map(|one| {
-                (0..models)
-                    .map(|other| self.worse(one, other, policy))
-                    .collect()
-            })
+            .map(|one| (0..models).map(|other| self.worse(one, other)).collect())
             .collect();
         let mut out = vec![Fate::Kept; models];
         let mut left: BTreeSet<usize> = (0..models).collect();
@@ -286,7 +296,7 @@ impl Compared {
                     .for_each(|(m, d)| *m = m.max(*d));
             }
             by_chance.sort_by(f64::total_cmp);
-            let critical = by_chance[((1.0 - policy.family_wise) * RESAMPLES as f64) as usize];
+            let critical = by_chance[((1.0 - size) * RESAMPLES as f64) as usize];
             let Some((worst, by)) = left
                 .iter()
                 .map(|one| (*one, worst_of(one)))
@@ -321,91 +331,75 @@ fn draws(count: usize, random: &mut Pcg64Mcg) -> DMatrix<f64> {
     out
 }
 
-/// What a selection came to: keys of the pool.
-#[derive(Clone, Debug, Default)]
-pub struct Selected {
-    /// The simplest models that the data cannot reject, best first.
-    pub minimal: Vec<String>,
-    /// Models that were compared and rejected, with the standard errors.
-    pub rejected: Vec<(String, f64)>,
-}
-
-/// The simplest models of a pool that the data cannot reject: of those with the fewest moves that are kept,
-/// all. `forgiven` are not rejected whatever their losses: the effect that another has beside them is not
-/// seen beyond chance.
+/// The simplest models of a pool that the data cannot reject, best first, by their keys: of those with the
+/// fewest moves that are kept, all. The finalists of all sizes are compared at once: the best few of each
+/// number of moves that come near the best, no larger than this.
 #[must_use]
-pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
+pub fn select(pool: &mut Pool) -> Vec<String> {
     pool.compare_best();
-    let policy = pool.study.policy.clone();
     // Models are compared with the best that is what it is called, fitted as far as the others.
-    let admissible = |pool: &Pool| {
-        pool.ranked()
-            .into_iter()
-            .find(|(_, e)| !e.is_excluded())
-            .map(|(k, _)| k.clone())
-    };
     while let Some(key) = admissible(pool).filter(|k| !pool.entries[k].compared) {
         pool.compare(&[key]);
     }
+    loop {
+        let finalists = finalists(pool);
+        if finalists.iter().all(|k| pool.entries[k].compared) {
+            pool.weigh(&finalists);
+            return simplest_kept(pool, finalists);
+        }
+        // A model that was not fitted so far may fall behind, and another come in its place.
+        pool.compare(&finalists);
+    }
+}
+
+/// The best model of which no effect is excluded by its own physics.
+fn admissible(pool: &Pool) -> Option<String> {
+    let ranked = pool.ranked();
+    let best = ranked.into_iter().find(|(_, e)| !e.is_excluded());
+    best.map(|(k, _)| k.clone())
+}
+
+fn finalists(pool: &Pool) -> Vec<String> {
+    let policy = &pool.study.policy;
+    let best = admissible(pool).map_or_else(|| pool.best(), |k| &pool.entries[&k]);
     // What no test could keep is not compared: the merit is a logarithm of the error.
-    let most = |pool: &Pool| {
-        let best = admissible(pool).map_or_else(|| pool.best(), |k| &pool.entries[&k]);
-        let margin = if pool.study.near_the_noise(&best.judged) {
-            policy.matters_at_noise
-        } else {
-            policy.matters_of_remainder
-        };
-        best.merit + 0.5 * (1.0 + margin).ln() + policy.in_contention
+    let margin = if pool.study.near_the_noise(&best.judged) {
+        policy.matters_at_noise
+    } else {
+        policy.matters_of_remainder
     };
-    let levels: BTreeSet<usize> = pool.entries.values().map(|e| e.moves.len()).collect();
-    let mut rejected: Vec<(String, f64)> = Vec::new();
-    for level in levels {
-        let limit = most(pool);
-        let in_contention = |pool: &Pool| -> Vec<String> {
-            let of_level = |(_, e): &(&String, &Entry)| {
-                e.moves.len() == level && !e.is_excluded() && (e.merit < limit)
-            };
-            let ranked = pool.ranked();
-            ranked
-                .into_iter()
-                .filter(of_level)
-                .take(policy.compared_of_a_level)
-                .map(|(k, _)| k.clone())
-                .collect()
-        };
-        pool.compare(&in_contention(pool));
-        let mut models = in_contention(pool);
-        let best = pool
-            .ranked()
-            .into_iter()
-            .find(|(_, e)| !e.is_excluded() && e.compared)
-            .map(|(k, _)| k.clone());
-        let of_level = models.len();
-        models.extend(best.filter(|b| !models.contains(b)));
-        if of_level == 0 {
+    let limit = best.merit + 0.5 * (1.0 + margin).ln() + policy.in_contention;
+    let mut of_level: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut out = Vec::new();
+    for (key, entry) in pool.ranked() {
+        let size = entry.moves.len();
+        if entry.is_excluded() || entry.merit >= limit || size > best.moves.len() {
             continue;
         }
-        pool.weigh(&models);
-        let losses: Vec<&Losses> = models
-            .iter()
-            .filter_map(|k| pool.entries[k].losses.as_ref())
-            .collect();
-        let fates = confidence_set(pool.study, &losses);
-        let mut minimal = Vec::new();
-        for (key, fate) in models.into_iter().zip(fates).take(of_level) {
-            match fate {
-                Fate::Rejected(by) if !forgiven.contains(&key) => rejected.push((key, by)),
-                _ => minimal.push(key),
-            }
-        }
-        if !minimal.is_empty() {
-            return Selected { minimal, rejected };
+        let taken = of_level.entry(size).or_default();
+        *taken += 1;
+        if *taken <= policy.compared_of_a_level {
+            out.push(key.clone());
         }
     }
-    Selected {
-        minimal: Vec::new(),
-        rejected,
-    }
+    out
+}
+
+fn simplest_kept(pool: &Pool, finalists: Vec<String>) -> Vec<String> {
+    let losses: Vec<&Losses> = finalists
+        .iter()
+        .filter_map(|k| pool.entries[k].losses.as_ref())
+        .collect();
+    let fates = confidence_set_in(pool.study, &losses);
+    let size = |key: &String| pool.entries[key].moves.len();
+    let kept: Vec<String> = finalists
+        .into_iter()
+        .zip(fates)
+        .filter(|(_, fate)| *fate == Fate::Kept)
+        .map(|(key, _)| key)
+        .collect();
+    let fewest = kept.iter().map(size).min().unwrap_or(0);
+    kept.into_iter().filter(|k| size(k) == fewest).collect()
 }
 
 #[cfg(test)]
@@ -420,6 +414,8 @@ mod tests {
             held_out: vec![false, true],
             unit_um2: vec![1.0; 2],
             margin: vec![1.0; 2],
+            same_held_out: 0.04,
+            beyond_chance: 0.25,
         };
         let blocks = |level: f64| {
             (0..60)
@@ -429,10 +425,66 @@ mod tests {
         let without = Losses(vec![blocks(3.6), blocks(1.0)]);
         let fates = |held_out: f64| {
             let with = Losses(vec![blocks(1.0), blocks(held_out)]);
-            Compared::of(&scale, &[&without, &with], &Policy::default())
-                .eliminated(&Policy::default())
+            confidence_set(&[&without, &with], &scale, 0.05, 1)
         };
         assert!(matches!(fates(1.0)[..], [Fate::Rejected(_), Fate::Kept]));
         assert_eq!(fates(1.1), [Fate::Kept; 2]);
+    }
+
+    fn scale(records: usize, margin: f64) -> Scale {
+        Scale {
+            weights: vec![1.0 / records as f64; records],
+            held_out: vec![false; records],
+            unit_um2: vec![1.0; records],
+            margin: vec![margin; records],
+            same_held_out: 0.04,
+            beyond_chance: 0.25,
+        }
+    }
+
+    /// Mean squares by block around a level, each block off by chance.
+    fn around(level: f64, random: &mut Pcg64Mcg) -> Losses {
+        Losses(vec![
+            (0..60)
+                .map(|_| level * (1.0 + 0.3 * (random.random::<f64>() - 0.5)))
+                .collect(),
+        ])
+    }
+
+    #[test]
+    fn equal_models_are_rejected_in_few_sets_of_any_number() {
+        let mut random = Pcg64Mcg::seed_from_u64(7);
+        for models in [2, 6, 12] {
+            let sets = 60;
+            let rejecting = (0..sets)
+                .filter(|seed| {
+                    let losses: Vec<Losses> =
+                        (0..models).map(|_| around(1.0, &mut random)).collect();
+                    let all: Vec<&Losses> = losses.iter().collect();
+                    let fates = confidence_set(&all, &scale(1, 0.0), 0.05, *seed);
+                    fates.iter().any(|fate| *fate != Fate::Kept)
+                })
+                .count();
+            assert!(rejecting <= 9, "{rejecting} of {sets} sets of {models}");
+        }
+    }
+
+    #[test]
+    fn a_model_beyond_the_margin_is_rejected_whatever_stands_beside_it() {
+        let mut random = Pcg64Mcg::seed_from_u64(8);
+        let levels = [1.0, 1.02, 1.3, 5.0];
+        let losses = levels.map(|level| around(level, &mut random));
+        let fates = confidence_set(&losses.each_ref(), &scale(1, 0.1), 0.05, 1);
+        assert_eq!(fates[..2], [Fate::Kept; 2], "{fates:?}");
+        assert!(
+            matches!(fates[2], Fate::Rejected(by) if by.is_finite()),
+            "{fates:?}"
+        );
+        assert_eq!(fates[3], Fate::Rejected(f64::INFINITY));
+        // The same whatever the order.
+        let [a, b, c, d] = &losses;
+        let turned = confidence_set(&[d, c, b, a], &scale(1, 0.1), 0.05, 1);
+        assert_eq!(turned.iter().rev().copied().collect::<Vec<_>>(), fates);
+        assert_eq!(confidence_set(&[a], &scale(1, 0.1), 0.05, 1), [Fate::Kept]);
     }
 }

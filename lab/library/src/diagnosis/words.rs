@@ -243,18 +243,13 @@ fn joined(names: &[String]) -> String {
 
 /// The verdict in a sentence or a few.
 #[must_use]
-pub fn sentence(
-    d: &Diagnosis,
-    first: &Judged,
-    last: &Judged,
-    dataset: &Dataset,
-    study: &Study,
-) -> String {
-    let said = Said::of(d, first, last, study);
+pub fn sentence(d: &Diagnosis, first: &Judged, dataset: &Dataset, study: &Study) -> String {
+    let said = Said::of(d, first, study);
     let delayed = dataset.timing_is_assumed && d.named.iter().any(|id| id == delay::ID);
     let parts = [
         said.headline(),
         said.other_values(),
+        said.not_needed(),
         said.remainder(),
         said.physics(),
         said.loops(),
@@ -284,8 +279,14 @@ struct Said<'a> {
 }
 
 impl<'a> Said<'a> {
-    fn of(d: &'a Diagnosis, first: &Judged, last: &Judged, study: &Study) -> Self {
+    fn of(d: &'a Diagnosis, first: &Judged, study: &Study) -> Self {
         let floor_um = d.noise_floor_um;
+        // Each number beside names is of the model that has these effects and no others.
+        let after = if matches!(d.verdict, Verdict::Named | Verdict::Ambiguous) {
+            d.residual_rms_named_um
+        } else {
+            d.residual_rms_after_um
+        };
         Self {
             diagnosis: d,
             noise_nm: floor_um.map(nm).unwrap_or_default(),
@@ -295,7 +296,7 @@ impl<'a> Said<'a> {
                 "error"
             },
             before_um: first.error_um(),
-            after_um: last.error_um(),
+            after_um: after.validate.unwrap_or(after.identify),
             explained: study.policy.explained,
             reading_step_um: study.reading_step_um,
             at_least_um: study.at_least_um,
@@ -392,12 +393,24 @@ impl<'a> Said<'a> {
         match d.reason {
             Some(Reason::Stopped) => {
                 format!(
-                    "Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}."
+                    "Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}.{}",
+                    self.so_far()
                 )
             }
             Some(Reason::OutOfTime) => {
                 format!(
-                    "Not decided in the time there was: the {which} is {after} nm, at the start {before}; {noise}. More time may find more."
+                    "Not decided in the time there was: the {which} is {after} nm, at the start {before}; {noise}.{} More time may find more.",
+                    self.so_far()
+                )
+            }
+            Some(Reason::DoesNotGeneralise) => {
+                let named = d.residual_rms_named_um;
+                format!(
+                    "Nothing is named, because the model does not generalise: it leaves {} nm of what was fitted and {} nm of what was held out; {noise}.{} \
+                     Fit records of more frequencies and loop heights, and hold out a separate file.",
+                    nm(named.identify),
+                    nm(named.validate.unwrap_or(named.identify)),
+                    self.so_far()
                 )
             }
             Some(Reason::BelowTheNoise) => format!(
@@ -417,6 +430,13 @@ impl<'a> Said<'a> {
             }
             Some(_) => "Nothing can be decided.".into(),
         }
+    }
+
+    fn so_far(&self) -> String {
+        if self.diagnosis.so_far.is_empty() {
+            return String::new();
+        }
+        format!(" Ahead so far: {}.", list(&self.diagnosis.so_far, "and"))
     }
 
     fn coarse_readings(&self) -> String {
@@ -441,6 +461,27 @@ impl<'a> Said<'a> {
         }
     }
 
+    /// What the model at the end has beside the named effects.
+    fn not_needed(&self) -> String {
+        let d = self.diagnosis;
+        if d.also_in_the_model.is_empty()
+            || !matches!(d.verdict, Verdict::Named | Verdict::Ambiguous)
+        {
+            return String::new();
+        }
+        format!(
+            " Also in the model, not needed: {}; with {} the {} is {} nm.",
+            list(&d.also_in_the_model, "and"),
+            if d.also_in_the_model.len() > 1 {
+                "them"
+            } else {
+                "it"
+            },
+            self.which,
+            nm(d.remainder.rms_um)
+        )
+    }
+
     /// What stays beside the names, or why nobody knows.
     fn remainder(&self) -> String {
         let d = self.diagnosis;
@@ -453,9 +494,6 @@ impl<'a> Said<'a> {
                     " That is below the noise of {} nm that the {} shows: one of them is wrong.",
                     self.noise_nm, d.floor_basis
                 )
-            }
-            (_, Some(Reason::OutOfTime)) => {
-                " The time was over before the search was: more may be missing.".into()
             }
             (None, Some(Reason::NoiseUnknown)) => {
                 " The noise is unknown, so nobody can say whether more is missing.".into()

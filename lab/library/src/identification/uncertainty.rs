@@ -106,15 +106,13 @@ fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
             0.0
         }
     });
-    // Of values that depend on one another exactly rounding leaves a matrix that is no covariance: a little
-    // on the diagonal mends it.
-    let factor = (0..8).find_map(|k| {
-        let jitter = if k == 0 { 0.0 } else { 1e-14 * 100f64.powi(k) };
-        (correlation.clone() + DMatrix::identity(p, p) * jitter)
-            .cholesky()
-            .map(|c| c.l())
+    // By eigenvalues: what a Cholesky factor needs on the diagonal, where values depend on one another, tears
+    // apart directions in which large changes cancel.
+    let parts = correlation.symmetric_eigen();
+    let roots = DMatrix::from_fn(p, p, |i, j| {
+        parts.eigenvalues[i].max(0.0).sqrt() * parts.eigenvectors[(j, i)]
     });
-    let factor = factor.unwrap_or_else(|| DMatrix::identity(p, p));
+    let factor = roots.qr().r().transpose();
     (0..p)
         .map(|i| (0..=i).map(|j| scale[i] * factor[(i, j)]).collect())
         .collect()

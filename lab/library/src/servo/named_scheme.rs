@@ -97,16 +97,23 @@ pub fn plain_pi(design: &ServoDesign, notched: bool) -> Result<Scheme, String> {
 /// # Errors
 /// If the name is not known.
 pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, String> {
-    let gains = PidGains {
-        p: 0.0,
-        i: 0.0,
-        d: 0.0,
-    };
     let own = match &design.scheme {
         Scheme::Predictor { tuning, .. } => Some(*tuning),
         _ => design.beside,
     };
-    let tuning = own.unwrap_or(PredictorTuning::START);
+    let predictor = |hysteresis_inverse| Scheme::Predictor {
+        tuning: own.unwrap_or(PredictorTuning::START),
+        hysteresis_inverse,
+    };
+    let feedforward = |creep_inverse| Scheme::Feedforward {
+        gains: PidGains {
+            p: 0.0,
+            i: 0.0,
+            d: 0.0,
+        },
+        notch: None,
+        creep_inverse,
+    };
     let mut out = design.clone();
     out.schema = SCHEMA.into();
     out.beside = None;
@@ -116,53 +123,22 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     }
     out.adaptation = matches!(name, "predictor-adaptive" | "predictor-learning-adaptive")
         .then(|| AdaptationDesign::new(design.model.reach_um()));
-    (out.scheme, out.delayed) = match name {
+    out.delayed = true;
+    out.scheme = match name {
         "predictor"
         | "predictor-learning"
         | "predictor-adaptive"
-        | "predictor-learning-adaptive" => (
-            Scheme::Predictor {
-                tuning,
-                hysteresis_inverse: true,
-            },
-            true,
-        ),
-        "predictor-linear" => (
-            Scheme::Predictor {
-                tuning,
-                hysteresis_inverse: false,
-            },
-            true,
-        ),
-        "feedforward" => (
-            Scheme::Feedforward {
-                gains,
-                notch: None,
-                creep_inverse: true,
-            },
-            true,
-        ),
-        "feedforward-without-creep" => (
-            Scheme::Feedforward {
-                gains,
-                notch: None,
-                creep_inverse: false,
-            },
-            true,
-        ),
-        "feedforward-pi-notch" => (plain_pi(design, true)?, true),
-        "disturbance-observer" | "disturbance-observer-inverse" => {
-            let gains = disturbance_observer::tune(&design.model.linear, &Demands::default())
+        | "predictor-learning-adaptive" => predictor(true),
+        "predictor-linear" => predictor(false),
+        "feedforward" => feedforward(true),
+        "feedforward-without-creep" => feedforward(false),
+        "feedforward-pi-notch" => plain_pi(design, true)?,
+        "disturbance-observer" | "disturbance-observer-inverse" => Scheme::DisturbanceObserver {
+            gains: disturbance_observer::tune(&design.model.linear, &Demands::default())
                 .ok_or("no disturbance observer keeps the margins with this model")?
-                .tuning;
-            (
-                Scheme::DisturbanceObserver {
-                    gains,
-                    hysteresis_inverse: name == "disturbance-observer-inverse",
-                },
-                true,
-            )
-        }
+                .tuning,
+            hysteresis_inverse: name == "disturbance-observer-inverse",
+        },
         _ => {
             let (family, inverse) = name
                 .strip_suffix("-linear")
@@ -173,10 +149,7 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
                     SCHEMES.map(|(name, _)| name).join(", ")
                 )
             })?;
-            (
-                order::scheme_without_recording(design, choice, inverse)?,
-                true,
-            )
+            order::scheme_without_recording(design, choice, inverse)?
         }
     };
     if learning && out.learning.is_none() {

@@ -20,7 +20,7 @@ use super::quantise::QuantisationError;
 use super::robust::{Task, within_nyquist};
 use super::schemes::{self, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
-use super::tuning::Demands;
+use super::tuning::{Demands, PredictorTuning};
 use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
@@ -333,6 +333,78 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
     }
 }
 
+/// A scheme with its gains, why, and the scan of a predictor.
+fn chosen_scheme(
+    choice: SchemeChoice,
+    inverse: bool,
+    model: &ActuatorModel,
+    task: &Task<'_>,
+) -> Result<(Scheme, Vec<String>, Option<Scan>), String> {
+    let words = ScanWords {
+        task,
+        recording: task.recording,
+        inverse,
+    };
+    if choice != SchemeChoice::Predictor {
+        let chosen = schemes::choose(choice, inverse, model, task, &words)?;
+        return Ok((chosen.scheme, chosen.said, None));
+    }
+    let scan = task.scan();
+    let (chosen, said) = words.explain(&scan)?;
+    let scheme = Scheme::Predictor {
+        tuning: chosen.tuning,
+        hysteresis_inverse: inverse,
+    };
+    Ok((scheme, said, Some(scan)))
+}
+
+/// What a chain has that the observer does not carry, in sentences.
+fn not_carried(chain: &Model) -> Vec<String> {
+    let carried = [
+        gain::ID,
+        hysteresis::ID,
+        initial_curve::ID,
+        play_operators::ID,
+        vibration::ID,
+        second_mode::ID,
+        amplifier_bandwidth::ID,
+        sensor_bandwidth::ID,
+        delay::ID,
+    ];
+    let mut out = Vec::new();
+    let delay_s = known_delay_s(chain);
+    if delay_s > 0.0 {
+        out.push(format!(
+            "The observer does not carry the delay of {:.0} us; the loop is judged with it.",
+            1e6 * delay_s
+        ));
+    }
+    let mut left = chain.effect_ids();
+    left.retain(|id| !carried.contains(&id.as_str()));
+    if !left.is_empty() {
+        out.push(format!("Left to the unknown input: {}.", left.join(", ")));
+    }
+    out
+}
+
+/// How the correction of a periodic reference is learned with a predictor of this tuning.
+fn ordered_learning(
+    tuning: &PredictorTuning,
+    task: &Task<'_>,
+    travel_um: f64,
+) -> Result<LearningDesign, String> {
+    let reference_hz = task.demands.reference_hz;
+    let law = PredictorDesign::new(&task.linear, tuning);
+    let learning = LearningDesign::new(&law, task, travel_um)?;
+    if learning.learns_to_hz() < reference_hz {
+        return Err(format!(
+            "--learning with --reference-hz {reference_hz}: {} Name a slower reference, or leave --learning out",
+            learning.in_words()
+        ));
+    }
+    Ok(learning)
+}
+
 /// Designs a servo that holds for everything that is left possible.
 ///
 /// # Errors
@@ -407,26 +479,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     } else {
         None
     };
-    let words = ScanWords {
-        task: &task,
-        recording: recording.as_ref(),
-        inverse: order.inverse,
-    };
-    let (scheme, explanation, scan) = if order.scheme == SchemeChoice::Predictor {
-        let scan = task.scan();
-        let (chosen, explanation) = words.explain(&scan)?;
-        (
-            Scheme::Predictor {
-                tuning: chosen.tuning,
-                hysteresis_inverse: order.inverse,
-            },
-            explanation,
-            Some(scan),
-        )
-    } else {
-        let chosen = schemes::choose(order.scheme, order.inverse, &model, &task, &words)?;
-        (chosen.scheme, chosen.said, None)
-    };
+    let (scheme, explanation, scan) = chosen_scheme(order.scheme, order.inverse, &model, &task)?;
     let best = scan.as_ref().and_then(|scan| scan.chosen(usual_margins));
     let mut design = ServoDesign::new(scheme, &model, true);
     design.explanation = explanation;
@@ -442,46 +495,9 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     }
     design.explanation.extend(missed);
     design.explanation.extend(said);
-    let carried = [
-        gain::ID,
-        hysteresis::ID,
-        initial_curve::ID,
-        play_operators::ID,
-        vibration::ID,
-        second_mode::ID,
-        amplifier_bandwidth::ID,
-        sensor_bandwidth::ID,
-        delay::ID,
-    ];
-    if basis.delay_s > 0.0 {
-        design.explanation.push(format!(
-            "The observer does not carry the delay of {:.0} us; the loop is judged with it.",
-            1e6 * basis.delay_s
-        ));
-    }
-    let left: Vec<String> = chain
-        .effect_ids()
-        .into_iter()
-        .filter(|id| !carried.contains(&id.as_str()))
-        .collect();
-    if !left.is_empty() {
-        design
-            .explanation
-            .push(format!("Left to the unknown input: {}.", left.join(", ")));
-    }
+    design.explanation.extend(not_carried(chain));
     if let Some(chosen) = best.filter(|_| order.learning) {
-        let learning = LearningDesign::new(
-            &PredictorDesign::new(&model.linear, &chosen.tuning),
-            &task,
-            model.reach_um(),
-        )?;
-        if learning.learns_to_hz() < order.reference_hz {
-            return Err(format!(
-                "--learning with --reference-hz {}: {} Name a slower reference, or leave --learning out",
-                order.reference_hz,
-                learning.in_words()
-            ));
-        }
+        let learning = ordered_learning(&chosen.tuning, &task, model.reach_um())?;
         design.explanation.push(learning.in_words());
         design.learning = Some(learning);
     }
@@ -542,19 +558,7 @@ pub fn scheme_without_recording(
         let left_um = left_without_inverse_um(model).0;
         task.demands.model_error_um = task.demands.model_error_um.max(left_um);
     }
-    let words = ScanWords {
-        task: &task,
-        recording: None,
-        inverse,
-    };
-    if choice == SchemeChoice::Predictor {
-        let scan = task.scan();
-        return Ok(Scheme::Predictor {
-            tuning: words.explain(&scan)?.0.tuning,
-            hysteresis_inverse: inverse,
-        });
-    }
-    Ok(schemes::choose(choice, inverse, model, &task, &words)?.scheme)
+    Ok(chosen_scheme(choice, inverse, model, &task)?.0)
 }
 
 /// Why there is no servo although a tuning holds.

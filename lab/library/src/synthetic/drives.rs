@@ -31,6 +31,21 @@ pub struct DriveOfRecord {
     pub from_s: Option<f64>,
 }
 
+impl DriveOfRecord {
+    /// Of an actuator that was never driven, without periods.
+    fn virgin(name: &'static str, role: &'static str, rate_hz: f64, drive_v: Vec<f64>) -> Self {
+        Self {
+            name,
+            role,
+            rate_hz,
+            drive_v,
+            period_s: None,
+            initial_state: "virgin",
+            from_s: None,
+        }
+    }
+}
+
 /// One cycle over the range and a rest, so that the loops that follow are settled.
 fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f64> {
     let mut out = waveform::raised_cosine(rate_hz, 1.0 / seconds, 0.0, peak_v, 1);
@@ -96,52 +111,33 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
         })
         .collect();
     vec![
-        DriveOfRecord {
-            name: "stair",
-            role: "identify",
-            rate_hz: 2000.0,
-            drive_v: stair(&[
+        DriveOfRecord::virgin(
+            "stair",
+            "identify",
+            2000.0,
+            stair(&[
                 20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0,
                 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
             ]),
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
-        DriveOfRecord {
-            name: "stair2",
-            role: "validate",
-            rate_hz: 2000.0,
-            drive_v: stair(&[
+        ),
+        DriveOfRecord::virgin(
+            "stair2",
+            "validate",
+            2000.0,
+            stair(&[
                 15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0,
             ]),
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
+        ),
+        DriveOfRecord::virgin("sines", "identify", 20_000.0, bursts),
         DriveOfRecord {
-            name: "sines",
-            role: "identify",
-            rate_hz: 20_000.0,
-            drive_v: bursts,
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
-        DriveOfRecord {
-            name: "multisine",
-            role: "identify",
-            rate_hz: 20_000.0,
-            drive_v: multisine,
             period_s: Some((0.19, 0.35)),
-            initial_state: "virgin",
-            from_s: None,
+            ..DriveOfRecord::virgin("multisine", "identify", 20_000.0, multisine)
         },
-        DriveOfRecord {
-            name: "hold",
-            role: "identify",
-            rate_hz: 200.0,
-            drive_v: waveform::steps(
+        DriveOfRecord::virgin(
+            "hold",
+            "identify",
+            200.0,
+            waveform::steps(
                 200.0,
                 &[
                     (0.43 * peak_v, 12.0),
@@ -149,15 +145,12 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
                     (0.21 * peak_v, 12.0),
                 ],
             ),
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
-        DriveOfRecord {
-            name: "hold2",
-            role: "validate",
-            rate_hz: 200.0,
-            drive_v: waveform::steps(
+        ),
+        DriveOfRecord::virgin(
+            "hold2",
+            "validate",
+            200.0,
+            waveform::steps(
                 200.0,
                 &[
                     (0.64 * peak_v, 9.0),
@@ -165,28 +158,9 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
                     (0.86 * peak_v, 9.0),
                 ],
             ),
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
-        DriveOfRecord {
-            name: "rest",
-            role: "noise",
-            rate_hz: 20_000.0,
-            drive_v: vec![0.0; 12_000],
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
-        DriveOfRecord {
-            name: "validation",
-            role: "validate",
-            rate_hz: 20_000.0,
-            drive_v: several,
-            period_s: None,
-            initial_state: "virgin",
-            from_s: None,
-        },
+        ),
+        DriveOfRecord::virgin("rest", "noise", 20_000.0, vec![0.0; 12_000]),
+        DriveOfRecord::virgin("validation", "validate", 20_000.0, several),
     ]
 }
 
@@ -371,13 +345,8 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
         out
     };
     let drive = |name, role, rate_hz, drive_v| DriveOfRecord {
-        name,
-        role,
-        rate_hz,
-        drive_v,
-        period_s: None,
         initial_state: "unknown",
-        from_s: None,
+        ..DriveOfRecord::virgin(name, role, rate_hz, drive_v)
     };
     let first = [
         0.29, 0.07, 0.5, 0.14, 0.71, 0.29, 0.64, 0.36, 0.86, 0.0, 1.0, 0.0, 0.93, 0.14, 0.79, 0.29,

@@ -5,7 +5,7 @@ use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
-use hysteron::diagnosis::selection::{Fate, Losses, confidence_set};
+use hysteron::diagnosis::selection::{Fate, Losses, confidence_set_in};
 use hysteron::diagnosis::study::Study;
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
@@ -97,7 +97,7 @@ fn fate(floor_um: Option<f64>, best: (f64, f64), other: (f64, f64)) -> Fate {
     let losses = [best, other].map(|(fitted, held_out)| {
         Losses::of_judged(&study, &judged(scaled(&a, fitted), scaled(&b, held_out)))
     });
-    confidence_set(&study, &losses.each_ref())[1]
+    confidence_set_in(&study, &losses.each_ref())[1]
 }
 
 fn is_rejected(fate: Fate) -> bool {
@@ -209,6 +209,15 @@ fn holds_invariant_5(found: &Outcome) {
                 "{name}: {:?}",
                 finding.evidence
             );
+            // Better on one side alone is no evidence: on no side is the model without it better.
+            let worse = |with: f64, without: f64| with * with > 1.04 * without * without;
+            let held_out = with.validate.zip(without.validate);
+            assert!(
+                !worse(with.identify, without.identify)
+                    && held_out.is_none_or(|(with, without)| !worse(with, without)),
+                "{name}: {:?}",
+                finding.evidence
+            );
         }
         let candidate = d
             .candidates
@@ -283,8 +292,20 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         "{} {notes:?}",
         d.sentence
     );
-    // The mode is found in the first round, which comes to the noise: nothing was cut short.
-    let all = within(1);
+    // The mode is found in the first round, which comes to the noise, and nobody tried to do without it.
+    let d = within(1).diagnosis;
+    assert_eq!(
+        (d.verdict, d.reason, d.named.len(), &d.so_far),
+        (
+            Verdict::Undecidable,
+            Some(Reason::OutOfTime),
+            0,
+            &vec!["vibration".to_owned()]
+        ),
+        "{}",
+        d.sentence
+    );
+    let all = within(100);
     assert_eq!(
         (all.diagnosis.verdict, &all.diagnosis.named),
         (Verdict::Named, &vec!["vibration".to_owned()]),

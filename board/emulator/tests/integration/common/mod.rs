@@ -349,6 +349,21 @@ pub fn run_on(world: &SharedWorld, script: Script) -> Outcome {
     run(&image(), board, script).expect("a run")
 }
 
+/// The image with a block, run for so many milliseconds; the command comes at the fourth.
+pub fn run_command(
+    world: &SharedWorld,
+    parameters: &AmplifierParameters,
+    command: impl Into<Vec<u8>>,
+    run_ms: u64,
+) -> Outcome {
+    let script = Script {
+        block: Some(block(parameters)),
+        commands: vec![(4 * MILLISECOND, command.into())],
+        ..Script::listening(run_ms * MILLISECOND)
+    };
+    run_on(world, script)
+}
+
 /// As [`run_on`], an instruction a cycle: what the image has time for.
 pub fn run_paced(world: &SharedWorld, script: Script) -> Outcome {
     let mut board = NucleoBoard::with_plant(world).expect("a board");

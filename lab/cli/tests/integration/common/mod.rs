@@ -17,6 +17,18 @@ pub fn hysteron(arguments: &[&str], folder: &Path) -> Output {
         .unwrap()
 }
 
+/// Asserts that a run of the program did what it was asked for.
+#[track_caller]
+pub fn assert_done(output: &Output) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+}
+
+/// The words of a command line, none of which has a space in it.
+pub fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
+}
+
 /// Presses Ctrl-C, as the terminal would; whether the program was still there.
 #[cfg(unix)]
 pub fn interrupted(program: &std::process::Child) -> bool {
@@ -49,11 +61,7 @@ pub fn folder_with_model() -> tempfile::TempDir {
         &["identify", ".", "--effects", "gain", "--out", "m.toml"],
         folder.path(),
     );
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_done(&output);
     folder
 }
 

@@ -1,0 +1,160 @@
+//! Under which circumstances a stage is seen: voltage, height and duration of the way between two turns, time
+//! at a level, and the first way to a voltage. What is held out judges a model where these were fitted; beyond
+//! them it shows how the model extrapolates.
+
+use super::motion_sections::turns;
+use crate::statistics::peak_to_peak;
+
+/// Voltages and heights of loops that differ by less than this share of the drive's range are alike.
+const ALIKE: f64 = 0.05;
+/// Times that differ by less than this factor are alike.
+const ALIKE_IN_TIME: f64 = 1.25;
+/// The drive turns where it goes back by this share of its range; a smaller motion is a hold.
+const TURNS: f64 = 0.02;
+
+/// The circumstances of one sample.
+#[derive(Clone, Copy, Debug)]
+struct Circumstance {
+    level_v: f64,
+    /// Height of the way between the turns around the sample, V.
+    height_v: f64,
+    /// Duration of that way, s.
+    duration_s: f64,
+    /// Time for which the drive has stayed at the level, s.
+    held_s: f64,
+    /// The drive was never as high or as low before.
+    is_first: bool,
+}
+
+/// The circumstances of every sample of a drive.
+pub struct Circumstances(Vec<Circumstance>);
+
+/// Limits of the circumstances that were fitted.
+#[derive(Clone, Copy, Debug)]
+pub struct Fitted {
+    levels_v: (f64, f64),
+    first_v: (f64, f64),
+    highest_v: f64,
+    shortest_s: f64,
+    held_s: f64,
+}
+
+impl Circumstances {
+    /// Of a drive from its first sample on.
+    #[must_use]
+    pub fn of(drive_v: &[f64], sample_rate_hz: f64) -> Self {
+        let still_v = TURNS * peak_to_peak(drive_v);
+        let mut out = Vec::with_capacity(drive_v.len());
+        let (mut low_v, mut high_v) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut held = (0, drive_v.first().copied().unwrap_or(0.0));
+        for (k, &level_v) in drive_v.iter().enumerate() {
+            if (level_v - held.1).abs() > still_v {
+                held = (k, level_v);
+            }
+            let is_first = level_v > high_v || level_v < low_v;
+            (low_v, high_v) = (low_v.min(level_v), high_v.max(level_v));
+            out.push(Circumstance {
+                level_v,
+                height_v: 0.0,
+                duration_s: f64::INFINITY,
+                held_s: (k - held.0) as f64 / sample_rate_hz,
+                is_first,
+            });
+        }
+        let mut ends: Vec<usize> = turns(drive_v, still_v)
+            .into_iter()
+            .map(|(k, _)| k)
+            .collect();
+        ends.insert(0, 0);
+        ends.push(drive_v.len().saturating_sub(1));
+        for way in ends.windows(2) {
+            let height_v = (drive_v[way[1]] - drive_v[way[0]]).abs();
+            for one in &mut out[way[0]..=way[1]] {
+                one.height_v = one.height_v.max(height_v);
+                one.duration_s = (way[1] - way[0]) as f64 / sample_rate_hz;
+            }
+        }
+        Self(out)
+    }
+
+    /// The limits of some samples, of one drive or of several.
+    #[must_use]
+    pub fn limits<'c>(parts: impl IntoIterator<Item = (&'c Self, Vec<usize>)>) -> Fitted {
+        let nothing = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut out = Fitted {
+            levels_v: nothing,
+            first_v: nothing,
+            highest_v: 0.0,
+            shortest_s: f64::INFINITY,
+            held_s: 0.0,
+        };
+        for (all, samples) in parts {
+            for one in samples.into_iter().map(|k| &all.0[k]) {
+                let wider = |of: (f64, f64)| (of.0.min(one.level_v), of.1.max(one.level_v));
+                out.levels_v = wider(out.levels_v);
+                if one.is_first {
+                    out.first_v = wider(out.first_v);
+                }
+                out.highest_v = out.highest_v.max(one.height_v);
+                out.shortest_s = out.shortest_s.min(one.duration_s);
+                out.held_s = out.held_s.max(one.held_s);
+            }
+        }
+        out
+    }
+}
+
+impl Fitted {
+    /// Whether a sample lies within what was fitted.
+    #[must_use]
+    pub fn covers(&self, all: &Circumstances, sample: usize) -> bool {
+        let one = &all.0[sample];
+        let alike_v = ALIKE * (self.levels_v.1 - self.levels_v.0);
+        let within =
+            |of: (f64, f64)| one.level_v >= of.0 - alike_v && one.level_v <= of.1 + alike_v;
+        within(self.levels_v)
+            && (!one.is_first || within(self.first_v))
+            && one.height_v <= self.highest_v + alike_v
+            && one.duration_s * ALIKE_IN_TIME >= self.shortest_s
+            && one.held_s <= self.held_s * ALIKE_IN_TIME
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn covered(drive_v: &[f64], fitted: std::ops::Range<usize>, sample: usize) -> bool {
+        let all = Circumstances::of(drive_v, 1000.0);
+        Circumstances::limits([(&all, fitted.collect())]).covers(&all, sample)
+    }
+
+    fn sine(samples: usize, hz: f64, high_v: f64) -> Vec<f64> {
+        let at = |k: usize| (std::f64::consts::TAU * hz * k as f64 / 1000.0).cos();
+        (0..samples).map(|k| 0.5 * high_v * (1.0 - at(k))).collect()
+    }
+
+    #[test]
+    fn higher_faster_and_longer_than_fitted_is_outside() {
+        let twice = [sine(2000, 2.0, 80.0), sine(2000, 2.0, 80.0)].concat();
+        assert!((2000..4000).all(|k| covered(&twice, 0..2000, k)));
+        let higher = [sine(2000, 2.0, 80.0), sine(2000, 2.0, 100.0)].concat();
+        assert!(!covered(&higher, 0..2000, 2250) && covered(&higher, 2000..4000, 250));
+        let faster = [sine(2000, 2.0, 80.0), sine(2000, 4.0, 80.0)].concat();
+        assert!(!covered(&faster, 0..2000, 3000) && covered(&faster, 2000..4000, 1000));
+        let held = [sine(2000, 2.0, 80.0), vec![0.0; 500], sine(500, 2.0, 80.0)].concat();
+        assert!(!covered(&held, 0..2000, 2450) && covered(&held, 0..2450, 2950));
+    }
+
+    #[test]
+    fn the_first_rise_is_met_where_one_was_fitted() {
+        let growing = [
+            sine(500, 2.0, 40.0),
+            sine(500, 2.0, 80.0),
+            sine(500, 2.0, 80.0),
+        ]
+        .concat();
+        assert!(!covered(&growing, 1000..1500, 740));
+        assert!(covered(&growing, 500..1000, 1240));
+    }
+}
