@@ -4,7 +4,7 @@
 
 use crate::dataset::Dataset;
 use crate::diagnosis::closure::close;
-use crate::diagnosis::findings::{Weighed, slots, weigh};
+use crate::diagnosis::findings::{Weighed, test_slots, weigh};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::path::{self, ModelChange, PathStep};
@@ -506,7 +506,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     study
         .watch
         .event(&WatchEvent::Doing("weighing the evidence for each effect"));
-    let weighed = weigh(&mut pool, &minimal)?;
+    let weighed = weigh(&mut pool, &mut minimal)?;
     let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
     let end = end_of(&pool, &minimal);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
@@ -570,11 +570,10 @@ fn ablate(
 ) -> Result<Vec<String>> {
     loop {
         let minimal = close(&mut search.pool, closed)?;
-        let entries: Vec<&Entry> = minimal.iter().map(|k| &search.pool.entries[k]).collect();
-        let open = slots(&entries).into_iter().map(|slot| slot.effects());
-        let open = open
-            .filter(|ids| !ids.is_empty() && !ablated.contains(ids))
-            .next();
+        let open = test_slots(&mut search.pool, &minimal)
+            .into_iter()
+            .map(|case| case.slot.effects())
+            .find(|ids| !ids.is_empty() && !ablated.contains(ids));
         let Some(ids) = open.filter(|_| !search.stopped && !search.out_of_time) else {
             return Ok(minimal);
         };
@@ -757,7 +756,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         base,
         refitted,
         mut pool,
-        minimal,
+        mut minimal,
         ..
     } = compared;
     let simplest = minimal
@@ -834,7 +833,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         grown.tried = tried;
         fitted = steps[steps.len() - 1].judged.clone();
     } else {
-        grown.weighed = weigh(&mut pool, &minimal)?;
+        grown.weighed = weigh(&mut pool, &mut minimal)?;
         grown.simplest = minimal.iter().map(|k| pool.entries[k].clone()).collect();
         grown.models = kept_models(&grown.simplest);
         grown.tried = pool

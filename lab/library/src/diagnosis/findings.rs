@@ -146,84 +146,130 @@ pub fn unlikely(model: &Model, id: &str) -> Option<String> {
     Some(because)
 }
 
-/// Weighs each slot of the simplest kept models; what does not survive its test is left out.
+/// A slot that survives its test.
+pub struct Tested {
+    /// What is missing: one of these.
+    pub slot: Slot,
+    /// The key of the best model without any of it.
+    without: String,
+    /// By how many standard errors the data reject that model.
+    standard_errors: f64,
+    /// The keys of the models that do as well with an alternative.
+    as_good: Vec<String>,
+}
+
+/// Tests each slot of the simplest kept models. Where a model without it does as well, the effects that this
+/// model has in its place are alternatives, and the slot is tested again without all of them. Where such a model
+/// has nothing in its place, the slot is left out.
+#[must_use]
+pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
+    let Some(best) = minimal.first() else {
+        return Vec::new();
+    };
+    let entries: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
+    let each = slots(&entries).into_iter().enumerate();
+    each.filter_map(|(place, slot)| test(pool, slot, place, best))
+        .collect()
+}
+
+/// Tests a slot; `place` is that of its move among the moves of the best model.
+fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &String) -> Option<Tested> {
+    let mut as_good = Vec::new();
+    loop {
+        let key = best_without(pool, &slot, best)?;
+        let [without, with] = [&pool.entries[&key], &pool.entries[best]];
+        if let Some(standard_errors) = rejected_by(pool.study, without, with) {
+            return Some(Tested {
+                slot,
+                without: key,
+                standard_errors,
+                as_good,
+            });
+        }
+        // Of a model with fewer moves nobody knows which stands in for which.
+        let mut instead = if without.moves.len() < with.moves.len() {
+            without.moves.clone()
+        } else {
+            slots(&[with, without]).swap_remove(place).moves
+        };
+        instead.retain(|m| !with.moves.contains(m));
+        if instead.is_empty() {
+            return None;
+        }
+        slot.moves.extend(instead);
+        as_good.push(key);
+    }
+}
+
+/// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the place
+/// of one do not deny it. It is fitted as far as it can be compared.
+fn best_without(pool: &mut Pool, slot: &Slot, with: &String) -> Option<String> {
+    let size = pool.entries[with].moves.len();
+    let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
+    loop {
+        let mut ranked = pool.ranked().into_iter();
+        let best = ranked.find(|(_, e)| !e.is_excluded() && e.moves.len() <= size && lacks(e));
+        let key = best?.0.clone();
+        if pool.entries[&key].compared {
+            pool.weigh(&[key.clone(), with.clone()]);
+            return Some(key);
+        }
+        pool.compare(&[key]);
+    }
+}
+
+/// By how many standard errors the data reject a model beside another; none where they do not, or where it is
+/// better on the fitted or on the held-out records alone.
+fn rejected_by(study: &Study, without: &Entry, with: &Entry) -> Option<f64> {
+    let (of_without, of_with) = without.losses.as_ref().zip(with.losses.as_ref())?;
+    let Fate::Rejected(standard_errors) = confidence_set_in(study, &[of_without, of_with])[0]
+    else {
+        return None;
+    };
+    let errors = [&without.judged, &with.judged].map(Residuals::of);
+    (!is_better_somewhere(errors, study.policy.matters_at_noise)).then_some(standard_errors)
+}
+
+/// Weighs each slot of the simplest kept models that survives its test; the models that do as well with an
+/// alternative join these.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn weigh(pool: &mut Pool, minimal: &[String]) -> Result<Vec<Weighed>> {
-    let Some(best) = minimal.first() else {
-        return Ok(Vec::new());
-    };
-    let entries: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
-    let (slots, size) = (slots(&entries), entries[0].moves.len());
-    let pair = |slot: &Slot| Some([best_without(pool, slot, size)?, best.clone()]);
-    let pairs: Vec<Option<[String; 2]>> = slots.iter().map(pair).collect();
-    let keys: Vec<String> = pairs.iter().flatten().flatten().cloned().collect();
-    pool.compare(&keys);
-    pool.weigh(&keys);
+pub fn weigh(pool: &mut Pool, minimal: &mut Vec<String>) -> Result<Vec<Weighed>> {
+    let cases = test_slots(pool, minimal);
     let study = pool.study;
-    let entry = |key: &String| &pool.entries[key];
-    let cases: Vec<(usize, Slot, [&Entry; 2])> = slots
-        .into_iter()
-        .zip(pairs)
-        .enumerate()
-        .filter_map(|(i, (slot, pair))| pair.map(|pair| (i, slot, pair.each_ref().map(entry))))
-        .collect();
-    let weighed = parallel::map(&cases, |(i, slot, pair)| one(study, slot, *pair, *i as u64));
-    let mut weighed: Vec<Weighed> = weighed
-        .into_iter()
-        .filter_map(Result::transpose)
-        .collect::<Result<_>>()?;
+    let weighed = parallel::map(&cases, |case| {
+        let [without, with] = [&case.without, &minimal[0]].map(|key| &pool.entries[key]);
+        with_evidence(study, case, [without, with])
+    });
+    let mut weighed: Vec<Weighed> = weighed.into_iter().collect::<Result<_>>()?;
     weighed.sort_by(|a, b| study.merit(&b.without).total_cmp(&study.merit(&a.without)));
+    for key in cases.into_iter().flat_map(|case| case.as_good) {
+        if !minimal.contains(&key) {
+            minimal.push(key);
+        }
+    }
     Ok(weighed)
 }
 
-/// The best model of a pool that has nothing of a slot and no more moves than so many: two effects in the place
-/// of one do not deny it.
-fn best_without(pool: &Pool, slot: &Slot, size: usize) -> Option<String> {
-    let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
-    let mut ranked = pool.ranked().into_iter();
-    ranked
-        .find(|(_, e)| !e.is_excluded() && e.moves.len() <= size && lacks(e))
-        .map(|(k, _)| k.clone())
-}
-
-/// A slot with its evidence; none where the model without it is not rejected beside the one with it, or is
-/// better on the fitted or on the held-out records alone.
-fn one(
-    study: &Study,
-    slot: &Slot,
-    [without, with]: [&Entry; 2],
-    seed: u64,
-) -> Result<Option<Weighed>> {
-    let losses = without.losses.as_ref().zip(with.losses.as_ref());
-    let fate = losses.map_or(Fate::Kept, |(without, with)| {
-        confidence_set_in(study, &[without, with])[0]
-    });
-    let errors = [&without.judged, &with.judged].map(Residuals::of);
-    let Fate::Rejected(standard_errors) = fate else {
-        return Ok(None);
-    };
-    if is_better_somewhere(errors, study.policy.matters_at_noise) {
-        return Ok(None);
-    }
+fn with_evidence(study: &Study, case: &Tested, [without, with]: [&Entry; 2]) -> Result<Weighed> {
+    let slot = case.slot.clone();
     let mut screening = None;
     if let Some(Move::Added(_)) = slot.moves.first().filter(|_| !with.held) {
         let model = &without.judged.model;
         let candidates = study.candidates_for(model);
-        screening = Some(study.weigh(model, &candidates, study.policy.seed + seed)?);
+        screening = Some(study.weigh(model, &candidates, study.policy.seed)?);
     }
-    let [without_errors, with_errors] = errors;
-    Ok(Some(Weighed {
-        slot: slot.clone(),
+    Ok(Weighed {
+        slot,
         without: without.judged.clone(),
         screening,
         evidence: Evidence::Models {
-            without: without_errors,
-            with: with_errors,
-            standard_errors,
+            without: Residuals::of(&without.judged),
+            with: Residuals::of(&with.judged),
+            standard_errors: case.standard_errors,
         },
-    }))
+    })
 }
 
 /// Whether the first of two models is better on the fitted or on the held-out records alone, by more than a
@@ -237,6 +283,69 @@ fn is_better_somewhere([one, other]: [Residuals; 2], share: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::{Dataset, Record, Role};
+    use crate::diagnosis::policy::Policy;
+    use crate::diagnosis::pool::{added, key};
+    use crate::identification::noise_floor::noise_floor;
+    use crate::model_file::effects_named;
+    use crate::watch::Unwatched;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::noise::WhiteNoise;
+
+    /// A linear stage behind a lag of 40 Hz, which may be the amplifier's or the sensor's.
+    fn lagging(name: &str, role: Role, hz: f64) -> Record {
+        let drive_v: Vec<f64> = (0..3000_usize)
+            .map(|k| 50.0 * (1.0 - (hz * 0.006 * k.saturating_sub(600) as f64).cos()))
+            .collect();
+        let (mut noise, mut lagged_um) = (WhiteNoise::new(0.002, 5), 0.0);
+        let read_um = drive_v.iter().map(|v| {
+            let read_um = lagged_um + noise.next_um();
+            lagged_um += (0.09 * v - lagged_um) * 0.2;
+            read_um
+        });
+        let read_um = read_um.collect();
+        Record::new(name, 1000.0, drive_v, read_um).with_role(role)
+    }
+
+    #[test]
+    fn what_does_as_well_in_the_place_of_an_effect_is_an_or() {
+        let records = [
+            lagging("fitted", Role::Identify, 1.0),
+            lagging("judging", Role::Validate, 0.7),
+        ];
+        let dataset = Dataset::new("d", 0.0, 100.0, records.to_vec()).unwrap();
+        let (floor, policy) = (noise_floor(&dataset), Policy::default());
+        let study = Study::new(&dataset, Vec::new(), &floor, policy, &Unwatched);
+        let with = |names: &str| {
+            let mut model = Model::new(0.0, 100.0);
+            for effect in effects_named(&format!("gain,{names}")).unwrap() {
+                model.add(EffectInstance::new(effect, &dataset.overview(), &[]));
+            }
+            let ids: Vec<String> = names.split(',').map(str::to_owned).collect();
+            Entry::new(&study, added(&ids), study.thoroughly(&model), true)
+        };
+        let mut gain = Model::new(0.0, 100.0);
+        gain.add(EffectInstance::new(
+            effects_named("gain").unwrap().remove(0),
+            &dataset.overview(),
+            &[],
+        ));
+        let mut pool = Pool::of(&study, &gain);
+        let best = with("sensor_bandwidth,creep");
+        let keys = [key(&best.moves, &best.judged.model)];
+        let found = |pool: &mut Pool| -> Vec<Vec<String>> {
+            let tested = test_slots(pool, &keys).into_iter();
+            tested.map(|case| case.slot.effects()).collect()
+        };
+        pool.keep(best);
+        pool.keep(with("sensor_bandwidth"));
+        assert_eq!(found(&mut pool), [["sensor_bandwidth"]]);
+        pool.keep(with("amplifier_bandwidth"));
+        assert_eq!(
+            found(&mut pool),
+            [["sensor_bandwidth", "amplifier_bandwidth"]]
+        );
+    }
 
     #[test]
     fn an_effect_that_one_side_does_better_without_is_not_named() {

@@ -146,7 +146,16 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         (false, _) if findings.iter().any(or) => Verdict::Ambiguous,
         (false, _) => Verdict::Named,
         (true, Some(_)) => Verdict::Undecidable,
-        (true, None) if within(study.as_the_noise()) && !excluded => Verdict::AtFloor,
+        // A model at the noise by effects that may as well be others does not say that nothing is missing.
+        (true, None)
+            if within(study.as_the_noise())
+                && found
+                    .named
+                    .within(policy.explained, floors_um, &study.split)
+                && !excluded =>
+        {
+            Verdict::AtFloor
+        }
         (true, None) => Verdict::Unexplained,
     };
     let named: Vec<String> = if verdict == Verdict::AtFloor {
