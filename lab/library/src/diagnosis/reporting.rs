@@ -109,10 +109,6 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         .or_else(|| found.stopped.then_some(Reason::Stopped))
         .or_else(|| below.then_some(Reason::BelowTheNoise))
         .or_else(|| is_early.then_some(Reason::OutOfTime))
-        .or_else(|| {
-            let fails = !findings.is_empty() && study.fails_to_generalise(found.named);
-            fails.then_some(Reason::DoesNotGeneralise)
-        })
         .or_else(|| (floor.rms_um.is_none() && !at_the_bound).then_some(Reason::NoiseUnknown));
     let or = |f: &Finding| f.effects.len() + f.or_other_values_of.len() > 1;
     let excluded = found.last.model.effects.iter().any(|e| {
@@ -120,11 +116,8 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             && found.last.model.ruled_out_because(&e.id).is_some()
     });
     let only_values = findings.iter().all(|f| f.effects.is_empty());
-    // What a search found that ended early, or a model that holds nowhere else, is no name.
-    let early = matches!(
-        reason,
-        Some(Reason::Stopped | Reason::OutOfTime | Reason::DoesNotGeneralise)
-    );
+    // What a search found that ended early is no name.
+    let early = matches!(reason, Some(Reason::Stopped | Reason::OutOfTime));
     let new = |judged: &Judged| {
         let mut ids = judged.model.effect_ids();
         ids.retain(|id| {

@@ -6,7 +6,6 @@ use super::policy::Policy;
 use super::screening::{CandidateScore, Screening, Weighing, screen, screen_some_and_all};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
-use crate::dataset::circumstances::Circumstances;
 use crate::error::Result;
 use crate::identification::fit::{Effort, Fit, FitProgress, fit_rows, fit_while, rms};
 use crate::identification::held_values::{as_free_as, holding};
@@ -117,9 +116,6 @@ const TO_THE_END_FAR_ABOVE: Effort = Effort {
 
 /// A model that leaves so many times as much of the held-out records has taken in what they would show.
 const FAILS_HELD_OUT: f64 = 1.5;
-/// Nothing is named from a model that leaves so many times as much of held-out samples under circumstances that
-/// were fitted, and stays far above the noise where it was fitted. False names stand above 2 to 6 there.
-const DOES_NOT_GENERALISE: f64 = 2.0;
 
 /// Whether an effect is of a ceramic or of the amplifier in front of it.
 fn is_of_a_ceramic(place: Place) -> bool {
@@ -286,39 +282,6 @@ impl<'a> Study<'a> {
         judged
             .validate_rms_um
             .is_some_and(|held_out_um| held_out_um > FAILS_HELD_OUT * judged.identify_rms_um)
-    }
-
-    /// Whether a model that was judged on all samples leaves more of held-out samples than its fitted error
-    /// says, where their circumstances were fitted: it has taken in what a right one would explain. What lies
-    /// beyond these shows how it extrapolates. A model that comes near the noise where it was fitted has its
-    /// effects; few loops that were fitted leave the others to be guessed.
-    #[must_use]
-    pub fn fails_to_generalise(&self, judged: &Judged) -> bool {
-        let fitted_alone = Split {
-            identify: self.split.identify.clone(),
-            validate: Vec::new(),
-        };
-        if judged.within(self.policy.near_the_noise, &self.floors_um, &fitted_alone) {
-            return false;
-        }
-        let seen = |i: &usize| {
-            let record = &self.dataset.records[*i];
-            let all = Circumstances::of(&record.drive_v, record.sample_rate_hz);
-            (*i, all, record.counted().collect::<Vec<usize>>())
-        };
-        let fitted: Vec<_> = self.split.identify.iter().map(seen).collect();
-        let limits = Circumstances::limits(fitted.iter().map(|(_, all, k)| (all, k.clone())));
-        let (mut sum_um2, mut least_um2, mut count) = (0.0, 0.0, 0.0);
-        for (i, all, samples) in self.split.validate.iter().map(seen) {
-            let noise_um = self.floors_um[i].unwrap_or(0.0);
-            let least = judged.identify_rms_um.max(noise_um).powi(2);
-            let within = samples.iter().zip(&judged.residuals[i]);
-            for (_, left_um) in within.filter(|(k, _)| limits.covers(&all, **k)) {
-                (sum_um2, least_um2) = (sum_um2 + left_um * left_um, least_um2 + least);
-                count += 1.0;
-            }
-        }
-        count > 0.0 && sum_um2 > DOES_NOT_GENERALISE * DOES_NOT_GENERALISE * least_um2
     }
 
     /// Scores these effects beside a model, for a search.

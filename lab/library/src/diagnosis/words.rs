@@ -403,16 +403,6 @@ impl<'a> Said<'a> {
                     self.so_far()
                 )
             }
-            Some(Reason::DoesNotGeneralise) => {
-                let named = d.residual_rms_named_um;
-                format!(
-                    "Nothing is named, because the model does not generalise: it leaves {} nm of what was fitted and {} nm of what was held out; {noise}.{} \
-                     Fit records of more frequencies and loop heights, and hold out a separate file.",
-                    nm(named.identify),
-                    nm(named.validate.unwrap_or(named.identify)),
-                    self.so_far()
-                )
-            }
             Some(Reason::BelowTheNoise) => format!(
                 "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until it is \
                  known which.",

@@ -393,8 +393,6 @@ pub enum Reason {
     Stopped,
     /// The time was over before the search was.
     OutOfTime,
-    /// The model of what is ahead does not meet held-out samples whose circumstances were fitted.
-    DoesNotGeneralise,
 }
 
 impl Issue {
