@@ -571,10 +571,8 @@ fn ablate(
     loop {
         let minimal = close(&mut search.pool, closed)?;
         let entries: Vec<&Entry> = minimal.iter().map(|k| &search.pool.entries[k]).collect();
-        let open = slots(&entries).into_iter().map(|slot| slot.effects());
-        let open = open
-            .filter(|ids| !ids.is_empty() && !ablated.contains(ids))
-            .next();
+        let mut open = slots(&entries).into_iter().map(|slot| slot.effects());
+        let open = open.find(|ids| !ids.is_empty() && !ablated.contains(ids));
         let Some(ids) = open.filter(|_| !search.stopped && !search.out_of_time) else {
             return Ok(minimal);
         };
