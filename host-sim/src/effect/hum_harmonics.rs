@@ -4,7 +4,7 @@
 //! # How it works
 //! Sine and cosine of every multiple are estimated for every record, as those of the hum are. A periodic
 //! drive whose harmonics fall on the same lines would lend them what the loops leave, so they are proposed
-//! only where a line is seen while the drive stands still ([`SearchHints::speaks_for_it`]).
+//! only where a line is seen while the drive stands still ([`Effect::speaks_for_it`]).
 
 use super::mains_hum::lines_stage;
 use crate::physics::*;

@@ -28,7 +28,7 @@ fn error_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64
 
 /// What `DIA? 16` was answered.
 fn gains(outcome: &Outcome) -> Vec<f64> {
-    let text: String = typed_back(&outcome);
+    let text: String = typed_back(outcome);
     text.lines()
         .map(|line| {
             line.trim()

@@ -20,7 +20,7 @@ fn run_with(serial: Vec<(u64, Vec<u8>)>, until_ms: u64) -> (Outcome, SharedWorld
 }
 
 fn text(outcome: &Outcome) -> String {
-    typed_back(&outcome)
+    typed_back(outcome)
 }
 
 #[test]

@@ -123,7 +123,7 @@ fn same(target: &[TraceSample], host: &[TraceSample]) -> bool {
 }
 
 fn serial(outcome: &Outcome) -> String {
-    typed_back(&outcome)
+    typed_back(outcome)
 }
 
 fn slowest_instructions(outcome: &Outcome) -> u64 {

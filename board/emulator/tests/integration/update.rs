@@ -69,7 +69,7 @@ fn run_with(script: Script) -> Outcome {
 }
 
 fn text(outcome: &Outcome) -> String {
-    typed_back(&outcome)
+    typed_back(outcome)
 }
 
 fn said(outcome: &Outcome) -> Vec<(u64, &str)> {

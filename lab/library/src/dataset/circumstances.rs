@@ -2,7 +2,6 @@
 //! at a level, and the first way to a voltage. What is held out judges a model where these were fitted; beyond
 //! them it shows how the model extrapolates.
 
-use super::motion_sections::turns;
 use crate::statistics::peak_to_peak;
 
 /// Voltages and heights of loops that differ by less than this share of the drive's range are alike.
@@ -118,6 +117,24 @@ impl Fitted {
             && one.duration_s * ALIKE_IN_TIME >= self.shortest_s
             && one.held_s <= self.held_s * ALIKE_IN_TIME
     }
+}
+
+/// Samples and voltages at which the drive turns and goes back by more than a voltage.
+pub(super) fn turns(drive_v: &[f64], limit: f64) -> Vec<(usize, f64)> {
+    let (mut turns, mut rising, mut extreme) = (
+        Vec::new(),
+        true,
+        (0, drive_v.first().copied().unwrap_or(0.0)),
+    );
+    for (k, &u) in drive_v.iter().enumerate() {
+        if (rising && u > extreme.1) || (!rising && u < extreme.1) {
+            extreme = (k, u);
+        } else if (u - extreme.1).abs() > limit {
+            turns.push(extreme);
+            (rising, extreme) = (!rising, (k, u));
+        }
+    }
+    turns
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //! not those of its other half is cut further: loops that are never fitted cannot be met where they are held
 //! out.
 
+use super::circumstances::turns;
 use crate::statistics::peak_to_peak;
 use std::ops::Range;
 
@@ -298,24 +299,6 @@ pub(super) fn moves(signal: &[f64]) -> bool {
 /// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.
 fn wide_turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
     turns(drive_v, 0.1 * peak_to_peak(drive_v))
-}
-
-/// Samples and voltages at which the drive turns and goes back by more than a voltage.
-pub(super) fn turns(drive_v: &[f64], limit: f64) -> Vec<(usize, f64)> {
-    let (mut turns, mut rising, mut extreme) = (
-        Vec::new(),
-        true,
-        (0, drive_v.first().copied().unwrap_or(0.0)),
-    );
-    for (k, &u) in drive_v.iter().enumerate() {
-        if (rising && u > extreme.1) || (!rising && u < extreme.1) {
-            extreme = (k, u);
-        } else if (u - extreme.1).abs() > limit {
-            turns.push(extreme);
-            (rising, extreme) = (!rising, (k, u));
-        }
-    }
-    turns
 }
 
 /// Samples between turns of the drive, on average.

@@ -173,7 +173,7 @@ pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
 }
 
 /// Tests a slot; `place` is that of its move among the moves of the best model.
-fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &String) -> Option<Tested> {
+fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &str) -> Option<Tested> {
     let mut as_good = Vec::new();
     loop {
         let key = best_without(pool, &slot, best)?;
@@ -203,7 +203,7 @@ fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &String) -> Option<
 
 /// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the place
 /// of one do not deny it. It is fitted as far as it can be compared.
-fn best_without(pool: &mut Pool, slot: &Slot, with: &String) -> Option<String> {
+fn best_without(pool: &mut Pool, slot: &Slot, with: &str) -> Option<String> {
     let size = pool.entries[with].moves.len();
     let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
     loop {
@@ -211,7 +211,7 @@ fn best_without(pool: &mut Pool, slot: &Slot, with: &String) -> Option<String> {
         let best = ranked.find(|(_, e)| !e.is_excluded() && e.moves.len() <= size && lacks(e));
         let key = best?.0.clone();
         if pool.entries[&key].compared {
-            pool.weigh(&[key.clone(), with.clone()]);
+            pool.weigh(&[key.clone(), with.to_owned()]);
             return Some(key);
         }
         pool.compare(&[key]);

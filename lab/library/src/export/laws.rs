@@ -15,15 +15,14 @@ pub(super) enum Dialect {
 impl Dialect {
     /// What the language calls a function or a word; names of the law's own go through `own`.
     fn word(self, name: &str, own: &dyn Fn(&str) -> String) -> String {
-        let known = match (self, name) {
+        match (self, name) {
             (Self::Python, "exp" | "expm1" | "cos" | "sin" | "ceil") => format!("math.{name}"),
             (Self::C, "min" | "max" | "abs") => format!("f{name}"),
             (_, "min" | "max" | "abs" | "exp" | "expm1" | "cos" | "sin" | "ceil") => {
                 name.to_owned()
             }
-            _ => return own(name),
-        };
-        known
+            _ => own(name),
+        }
     }
 
     /// An expression; an index counts from one in MATLAB, and is a whole number in the others.
@@ -73,7 +72,8 @@ impl Dialect {
             let goes_on = text == "else";
             while open > at {
                 open -= 1;
-                if !closes.is_empty() && !(goes_on && open == at && self == Self::Matlab) {
+                let shared_end = goes_on && open == at && self == Self::Matlab;
+                if !closes.is_empty() && !shared_end {
                     out += &format!("{}{closes}\n", " ".repeat(width * (depth + open)));
                 }
             }
