@@ -159,8 +159,8 @@ pub struct Tested {
 }
 
 /// Tests each slot of the simplest kept models. Where a model without it does as well, the effects that this
-/// model has in its place are alternatives, and the slot is tested again without all of them. Where such a model
-/// has nothing in its place, the slot is left out.
+/// model has in its place are alternatives, and the slot is tested again without all of them. Where such a
+/// model has nothing in its place, the slot is left out.
 #[must_use]
 pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
     let Some(best) = minimal.first() else {
@@ -201,8 +201,8 @@ fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &str) -> Option<Tes
     }
 }
 
-/// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the place
-/// of one do not deny it. It is fitted as far as it can be compared.
+/// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the
+/// place of one do not deny it. It is fitted as far as it can be compared.
 fn best_without(pool: &mut Pool, slot: &Slot, with: &str) -> Option<String> {
     let size = pool.entries[with].moves.len();
     let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
