@@ -151,8 +151,8 @@ fn a_drive_to_the_commanded_limit_is_simulated() {
     )
     .unwrap()
     .overview();
-    let effect = effects_named("gain").unwrap().remove(0);
-    model.add(EffectInstance::new(effect, &overview, &[0.1]));
+    let effect = effects_named("hysteresis").unwrap().remove(0);
+    model.add(EffectInstance::new(effect, &overview, &[10.0]));
     let reaches = |high: f64| {
         let drive_v: Vec<f64> = (0..100).map(|k| high * f64::from(k) / 99.0).collect();
         simulate(
