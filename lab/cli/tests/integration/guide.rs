@@ -12,10 +12,11 @@ const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/hidde
 fn followed(guide: &str, folder: &Path) -> (usize, usize) {
     let mut said = String::new();
     let (mut commands, mut compared) = (0, 0);
-    for line in guide.lines().filter_map(|line| line.strip_prefix("    ")) {
+    // Every second part stands between fences: a program, no command.
+    let shown = guide.split("```").step_by(2).flat_map(str::lines);
+    for line in shown.filter_map(|line| line.strip_prefix("    ")) {
         if let Some(arguments) = line.strip_prefix("hysteron ") {
-            let output =
-                common::hysteron(&arguments.split_whitespace().collect::<Vec<_>>(), folder);
+            let output = common::hysteron(&unquoted(arguments), folder);
             assert!(
                 output.status.success(),
                 "{line}: {}",
@@ -32,6 +33,17 @@ fn followed(guide: &str, folder: &Path) -> (usize, usize) {
         }
     }
     (commands, compared)
+}
+
+/// The words of a command line, of which those between quotes are one.
+fn unquoted(line: &str) -> Vec<&str> {
+    line.split('"')
+        .enumerate()
+        .flat_map(|(part, text)| match part % 2 {
+            0 => text.split_whitespace().collect(),
+            _ => vec![text],
+        })
+        .collect()
 }
 
 fn require_files(folder: &Path, names: &[&str]) {
@@ -78,10 +90,11 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
         let path = entry.unwrap().path();
         std::fs::copy(&path, stage.join(path.file_name().unwrap())).unwrap();
     }
-    let (commands, compared) = followed(
-        include_str!("../../../../docs/guides/servo_in_thirty_minutes.md"),
-        folder.path(),
-    );
+    let guide = include_str!("../../../../docs/guides/servo_in_thirty_minutes.md");
+    let plant = guide.split("```").nth(1).unwrap();
+    let plant = plant.strip_prefix("python\n").unwrap();
+    std::fs::write(folder.path().join("my_stage.py"), plant).unwrap();
+    let (commands, compared) = followed(guide, folder.path());
     assert!(
         commands >= 6 && compared >= 4,
         "{commands} commands, {compared} lines compared"
