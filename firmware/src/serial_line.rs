@@ -25,7 +25,7 @@ use crate::command_port;
 /// Bytes that wait for the task that makes lines of them: 22 ms at 115200 bit/s.
 const INPUT_BYTES: usize = 256;
 /// Bytes that are sent at once.
-const OUTPUT_BYTES: usize = 256;
+const OUTPUT_BYTES: usize = 192;
 
 /// What has come.
 pub static INPUT: LineInput<INPUT_BYTES> = LineInput::new();
