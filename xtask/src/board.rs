@@ -35,6 +35,8 @@ pub fn build() -> Result<(), String> {
             "--quiet",
             "--release",
             "--ignore-rust-version",
+            "--package",
+            "hysteron-emulator",
             "--bin",
             "hysteron-board",
         ],
