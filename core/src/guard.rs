@@ -444,7 +444,7 @@ mod tests {
             prop_assert!(found);
         }
 
-        /// One spell within `tracking_ticks`, and then as many ticks within the limit, is none.
+        /// One spell within `tracking_ticks`, and then as many ticks within the limit, is not a fault.
         #[test]
         fn a_short_spell_is_no_fault(ticks in 1u16..400, spell in prop::collection::vec(any::<bool>(), 400)) {
             let mut guard = Guard::new(GuardParameters { tracking_ticks: ticks, ..PARAMETERS });

@@ -7,7 +7,7 @@
 //! reference does not. Turns of the reference explain those of the drive, so the count begins anew with each
 //! ([`REFERENCE_SHIFT`]). [`MOST_TURNS`] in a row, none later behind the one before than
 //! [`GAP_SHIFT`] of the guard's `tracking_ticks`, are a fault: three cycles, 20 ms at 150 Hz. What rings and is
-//! damped is none: a way of less than half of the widest one begins the count anew.
+//! damped is not: a way of less than half of the widest one begins the count anew.
 
 use crate::codes::DriveCode;
 use crate::guard::Fault;

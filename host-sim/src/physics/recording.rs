@@ -1,4 +1,4 @@
-//! What effects are told of the data.
+//! What effects know of the data.
 
 /// What is known about the data before anything is fitted; prior guesses come from it.
 #[derive(Clone, Debug, PartialEq)]

@@ -38,7 +38,7 @@ pub struct ReadArguments {
 }
 
 impl ReadArguments {
-    /// What is said of a recording where there is one.
+    /// What is specified of a recording where there is one.
     pub fn require_recording(&self, recording: Option<&Path>) -> Result<()> {
         match self.as_typed().split_whitespace().next() {
             Some(option) if recording.is_none() => Err(Error::new(

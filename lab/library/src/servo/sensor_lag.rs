@@ -3,7 +3,7 @@
 //!
 //! # Which lag is undone
 //! A lag that is left makes the true position early by all of it, and no reading shows that. So the best value
-//! that there is gets undone: the order's, one that the model holds fixed, one that the data tell apart from
+//! that there is gets undone: the order's, one that the model holds fixed, one that the data distinguish from
 //! the amplifier's ([`KNOWN`]), the data sheet's in the data set, and last the model's own. From drive and
 //! reading alone a lag of the sensor looks much like one of the amplifier; where the last of these is taken
 //! the explanation reports it.
