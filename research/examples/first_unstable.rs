@@ -12,6 +12,7 @@
 
 use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
+use hysteron_research::stages_asked_for;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{
@@ -148,17 +149,9 @@ fn cells(truth: &StageTruth, chain: &Model, design: &ServoDesign) -> Vec<String>
 }
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args()
-        .skip(1)
-        .filter_map(|a| a.parse().ok())
-        .collect();
-    let (stages, first) = (
-        numbers.first().copied().unwrap_or(24),
-        numbers.get(1).copied().unwrap_or(0),
-    );
     println!("| stage | servo | gain up | gain down | mass up | mass down | delay, us | mode, % |");
     println!("|---|---|---|---|---|---|---|---|");
-    for seed in first..first + stages {
+    for seed in stages_asked_for() {
         let truth = StageTruth::drawn(seed);
         let dataset = record(&truth, StudyRecording::Wideband);
         let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);

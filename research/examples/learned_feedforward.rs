@@ -17,6 +17,7 @@ use hysteron_research::learning_study::{
     FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,
     learned_on_bench, sine_on_bench,
 };
+use hysteron_research::stages_asked_for;
 use hysteron_sim::bench::Bench;
 use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::servo_study::{StudyRecording, kept_model, record};
@@ -97,20 +98,12 @@ fn main() {
     if std::env::args().nth(1).as_deref() == Some("bench") {
         return on_bench();
     }
-    let numbers: Vec<u64> = std::env::args()
-        .skip(1)
-        .filter_map(|a| a.parse().ok())
-        .collect();
-    let (stages, first) = (
-        numbers.first().copied().unwrap_or(24),
-        numbers.get(1).copied().unwrap_or(0),
-    );
     println!(
         "| stage | first mode | second mode | learned to, Hz | contraction | 5 % | way | nm RMS in period 1, 2, 3, 5, 8, 10 | % of stroke in period 10 | after {PERIODS}: % (largest, nm) |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let mut met = 0;
-    for seed in first..first + stages {
+    for seed in stages_asked_for() {
         let truth = StageTruth::drawn(seed);
         let dataset = record(&truth, StudyRecording::Wideband);
         let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
@@ -174,6 +167,7 @@ fn main() {
         met += u64::from(largest_percent <= ASKED_PERCENT);
     }
     println!(
-        "\nat most {ASKED_PERCENT} % of the stroke in period 10, 5 % less and 5 % more: {met} of {stages}"
+        "\nat most {ASKED_PERCENT} % of the stroke in period 10, 5 % less and 5 % more: {met} of {}",
+        stages_asked_for().count()
     );
 }

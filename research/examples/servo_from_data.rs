@@ -6,6 +6,7 @@
 //! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them
 //! to identify anew.
 
+use hysteron_research::stages_asked_for;
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{
     FREQUENCIES_HZ, StudyAtWork, StudyRecording, at_work, designed, designed_with_the_truth,
@@ -39,14 +40,6 @@ impl Largest {
 }
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args()
-        .skip(1)
-        .filter_map(|a| a.parse().ok())
-        .collect();
-    let (stages, first) = (
-        numbers.first().copied().unwrap_or(24),
-        numbers.get(1).copied().unwrap_or(0),
-    );
     println!(
         "| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | target's own | wideband |"
     );
@@ -55,7 +48,7 @@ fn main() {
     // Of each kind of recording, nm; and of the wideband one over the best with the truth.
     let mut errors_nm: [Largest; StudyRecording::ALL.len()] = Default::default();
     let mut ratio = Largest::default();
-    for seed in first..first + stages {
+    for seed in stages_asked_for() {
         let truth = StageTruth::drawn(seed);
         let second = truth.second_mode.expect("has one");
         let mut cells = Vec::new();

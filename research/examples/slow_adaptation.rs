@@ -10,6 +10,7 @@ use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::watch::Unwatched;
 use hysteron_research::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_research::stages_asked_for;
 use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::servo_study::{StudyRecording, record};
 use std::path::PathBuf;
@@ -50,19 +51,11 @@ fn nm(um: f64) -> String {
 }
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args()
-        .skip(1)
-        .filter_map(|a| a.parse().ok())
-        .collect();
-    let (stages, first) = (
-        numbers.first().copied().unwrap_or(24),
-        numbers.get(1).copied().unwrap_or(0),
-    );
     println!(
         "| stage | gain | Hz | {} | gain believed at the end, in the order of the ways |",
         AdaptationWay::ALL.map(|w| format!("{w:?}")).join(" | ")
     );
-    for seed in first..first + stages {
+    for seed in stages_asked_for() {
         let truth = StageTruth::drawn(seed);
         let design = match design_of(&truth) {
             Ok(design) => design,

@@ -1,7 +1,6 @@
 //! Learned feedforward on a stage that the simulation does not share and that is 5 % off its model.
 
-use hysteron::dataset::Dataset;
-use hysteron::model_file::effects_named;
+use crate::recorded;
 use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::learned_feedforward::LearningDesign;
@@ -10,25 +9,13 @@ use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::reference::lead_s;
 use hysteron::servo::work::{Work, follow};
-use hysteron::watch::Unwatched;
 use hysteron_research::learning_study::{
     FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned,
     learned_on_bench, sine_on_bench,
 };
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::servo_study::{StudyRecording, record};
-
-fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
-    let truth = StageTruth::drawn(seed);
-    let dataset = record(&truth, StudyRecording::Wideband);
-    let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
-    let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched)
-        .unwrap()
-        .model;
-    (truth, dataset, chain)
-}
+use hysteron_tests::independent_stage::StageChange;
 
 /// What limits the drive: the stage moves so little that its own range is not enough.
 const TOO_WEAK: StageChange = StageChange {

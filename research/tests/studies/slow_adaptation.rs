@@ -1,8 +1,7 @@
 //! A gain that is not the model's and drifts, on stages that the simulation does not share: what the unknown
 //! input leaves, and what is left when the gain of the model is corrected.
 
-use hysteron::dataset::Dataset;
-use hysteron::model_file::effects_named;
+use crate::recorded;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::check::check;
 use hysteron::servo::design::ServoDesign;
@@ -11,24 +10,12 @@ use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::reference::lead_s;
 use hysteron::servo::work::{Work, follow};
-use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;
 use hysteron_research::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
 use hysteron_research::learning_study::{self, learned};
 use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{StageChange, StageTruth};
-use hysteron_tests::servo_study::{StudyRecording, record};
-
-fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
-    let truth = StageTruth::drawn(seed);
-    let dataset = record(&truth, StudyRecording::Wideband);
-    let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
-    let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched)
-        .unwrap()
-        .model;
-    (truth, dataset, chain)
-}
+use hysteron_tests::independent_stage::StageChange;
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
