@@ -14,6 +14,7 @@ mod cost;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod figures;
 mod finder_sets;
 mod house;
 mod images;
@@ -112,6 +113,9 @@ enum Chore {
     /// What each rule of the finder buys on planted cases, pairs and altered recordings;
     /// benchmarks/results/ablation.csv
     Ablate(finder_sets::ablation::Request),
+    /// Measures how fast it is here and what a sample takes, and says what became worse;
+    /// benchmarks/results/speed.csv and instructions.csv, docs/results/figures.md
+    Figures,
     /// Writes the table of effects in docs/reference/list_of_effects.md, and that of formats in
     /// docs/reference/formats.md
     Readme,
@@ -145,6 +149,7 @@ fn main() -> ExitCode {
         Chore::Packages => steps::run(steps::PACKAGES),
         Chore::FinderSets(request) => finder_sets::run(&request),
         Chore::Ablate(request) => finder_sets::ablation::run(&request),
+        Chore::Figures => figures::write(),
         Chore::Readme => checks::write_tables(),
         Chore::Tables => result_tables::write(),
         Chore::PublicItems => public_items::write(),

@@ -12,8 +12,8 @@ use std::process::Command;
 use crate::cost::{self, Share, Stopwatch};
 use crate::workspace::root;
 use crate::{
-    board, board_tune, browser, checks, debian, house, images, lab_page, library_alone, mutate,
-    packages, pipython, prose, public_items, python_package, result_tables, skipped_tests,
+    board, board_tune, browser, checks, debian, figures, house, images, lab_page, library_alone,
+    mutate, packages, pipython, prose, public_items, python_package, result_tables, skipped_tests,
     toolchain, virtual_environment, whole_circle,
 };
 
@@ -44,6 +44,7 @@ pub const HOST: &[CheckStep] = &[
     CheckStep("what the library shows", public_items::check),
     CheckStep("prose", || prose::report(false, &[])),
     CheckStep("tables of results", result_tables::check),
+    CheckStep("instructions a sample", figures::check_instructions),
     CheckStep("host tests (release)", checks::host_tests),
     CheckStep("examples in the documentation", checks::documentation_tests),
 ];
