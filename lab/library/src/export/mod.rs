@@ -192,13 +192,101 @@ fn cannot(model: &Model, effect: &str) -> Error {
     Error::new("export", format!("{effect} {why}"))
 }
 
+/// Words that MATLAB, Python or C keep for themselves, and the names that the exported texts use.
+const RESERVED: [&str; 84] = [
+    "and",
+    "as",
+    "assert",
+    "async",
+    "auto",
+    "await",
+    "break",
+    "case",
+    "catch",
+    "char",
+    "class",
+    "classdef",
+    "const",
+    "continue",
+    "def",
+    "default",
+    "del",
+    "do",
+    "double",
+    "elif",
+    "else",
+    "elseif",
+    "end",
+    "endfunction",
+    "enum",
+    "except",
+    "extern",
+    "finally",
+    "float",
+    "for",
+    "from",
+    "function",
+    "global",
+    "goto",
+    "if",
+    "import",
+    "in",
+    "inline",
+    "int",
+    "is",
+    "lambda",
+    "long",
+    "main",
+    "match",
+    "math",
+    "nonlocal",
+    "not",
+    "np",
+    "numpy",
+    "or",
+    "otherwise",
+    "parfor",
+    "pass",
+    "persistent",
+    "raise",
+    "register",
+    "restrict",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "spmd",
+    "static",
+    "struct",
+    "switch",
+    "try",
+    "type",
+    "typedef",
+    "union",
+    "unsigned",
+    "unwind_protect",
+    "until",
+    "void",
+    "volatile",
+    "while",
+    "with",
+    "yield",
+    "exp",
+    "sin",
+    "cos",
+    "min",
+    "max",
+    "zeros",
+    "numel",
+];
+
 /// A name that all languages take.
 fn identifier(name: &str) -> String {
     let plain: String = name
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
         .collect();
-    if plain.starts_with(|c: char| c.is_ascii_alphabetic()) {
+    if plain.starts_with(|c: char| c.is_ascii_alphabetic()) && !RESERVED.contains(&plain.as_str()) {
         plain
     } else {
         format!("model_{plain}")
@@ -313,4 +401,15 @@ fn rows(rows: &[Vec<f64>], [open, close]: [&str; 2], between: &str) -> String {
         format!("{open}{}{close}", texts.join(", "))
     };
     rows.iter().map(row).collect::<Vec<_>>().join(between)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_function_has_a_reserved_name() {
+        let named = ["for", "my stage", "2nd", "stage"].map(identifier);
+        assert_eq!(named, ["model_for", "my_stage", "model_2nd", "stage"]);
+    }
 }
