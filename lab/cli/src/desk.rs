@@ -125,10 +125,14 @@ impl Desk {
     }
 
     fn own_effect(&self, path: &Path) -> Result<Arc<dyn Effect>> {
-        model_file::own_effect(
-            &self.text(path, "the definition of an effect")?,
-            &path.display().to_string(),
-        )
+        let text = self.text(path, "the definition of an effect")?;
+        if model_file::is_model(&text) {
+            return Err(wrong(
+                path,
+                "is a model; expected effects. For a model of another recording: hysteron diagnose MODEL DATASET; for one effect more: hysteron add EFFECT MODEL DATASET",
+            ));
+        }
+        model_file::own_effect(&text, &path.display().to_string())
     }
 
     /// Takes a file as a target, once everything has been read and before the work begins.
