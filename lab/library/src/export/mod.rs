@@ -1,15 +1,18 @@
-//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, and its linear part as a state
-//! space.
+//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, the inverse of its loops, and its
+//! linear part as a state space.
 //!
 //! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so
 //! that it reads what the program reads. What a block does stands once, in [`hysteron_sim::law`]; `laws`
 //! prints it in the words of a language. An effect whose stage has no blocks is refused by name.
 
 mod c;
+mod inverse;
 mod laws;
 mod matlab;
 mod python;
 mod state_space;
+
+pub use inverse::inverse;
 
 use crate::dataset::timing::Timing;
 use crate::engineering::{four, with_deviation};
@@ -366,23 +369,7 @@ fn head(exported: &Exported) -> Vec<String> {
             }
         ),
     ];
-    if let Some(known) = model.identified.as_deref() {
-        let recorded = &known.recorded;
-        let on = if recorded.fitted_on.is_empty() {
-            String::new()
-        } else {
-            format!(" on {}", recorded.fitted_on)
-        };
-        out.push(format!(
-            "Fitted to {}{on}; error {} um RMS on what judged it.",
-            recorded.data_set,
-            four(known.error_um)
-        ));
-        out.push(format!(
-            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
-            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
-        ));
-    }
+    out.extend(fitted(model));
     if start.offset_um != 0.0 {
         out.push(format!(
             "The sensor's constant of {} is {:.6} um.",
@@ -392,6 +379,30 @@ fn head(exported: &Exported) -> Vec<String> {
     out.push(String::new());
     out.extend(described(model));
     out
+}
+
+/// What a model was fitted to, for a comment.
+fn fitted(model: &Model) -> Vec<String> {
+    let Some(known) = model.identified.as_deref() else {
+        return Vec::new();
+    };
+    let recorded = &known.recorded;
+    let on = if recorded.fitted_on.is_empty() {
+        String::new()
+    } else {
+        format!(" on {}", recorded.fitted_on)
+    };
+    vec![
+        format!(
+            "Fitted to {}{on}; error {} um RMS on what judged it.",
+            recorded.data_set,
+            four(known.error_um)
+        ),
+        format!(
+            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
+            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
+        ),
+    ]
 }
 
 /// Rows of numbers, each in these brackets, with this between two of them.
