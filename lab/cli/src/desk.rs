@@ -22,6 +22,9 @@ pub struct Desk {
     force: bool,
 }
 
+/// As the file of `--json`: the figures go to the screen, and nothing else does.
+pub const SCREEN: &str = "-";
+
 /// The same file has the same name here, however it was called.
 fn canonical(path: &Path) -> PathBuf {
     let folder = path
@@ -246,8 +249,12 @@ impl Desk {
         } else {
             serde_json::to_string_pretty(value)
         };
-        let text = text.map_err(|e| wrong(path, e))?;
-        self.write(path, (text + "\n").as_bytes())
+        let text = text.map_err(|e| wrong(path, e))? + "\n";
+        if path == Path::new(SCREEN) {
+            screen::give(&text);
+            return Ok(());
+        }
+        self.write(path, text.as_bytes())
     }
 
     /// Writes a page, if a file is wanted.
