@@ -4,18 +4,22 @@ use super::judgement::Judged;
 use super::path::ModelChange;
 use super::study::Study;
 use crate::dataset::Dataset;
+use crate::dataset::drive_variety::DriveVariety;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
 use crate::quality::{self, Issue, Reason};
-use hysteron_sim::effect::delay;
+use hysteron_sim::effect::{by_id, delay};
 
 /// Nanometres with three figures.
 #[must_use]
 pub fn nm(um: f64) -> String {
     let value = 1e3 * um;
-    if value >= 100.0 {
+    if value > 0.0 && value < 0.005 {
+        // Readings in another unit than they are said to be.
+        format!("{value:.1e}")
+    } else if value >= 100.0 {
         format!("{value:.0}")
     } else if value >= 10.0 {
         format!("{value:.1}")
@@ -253,6 +257,7 @@ pub fn sentence(d: &Diagnosis, first: &Judged, dataset: &Dataset, study: &Study)
         said.remainder(),
         said.physics(),
         said.loops(),
+        said.one_loop(dataset, study),
         said.issues(dataset),
         if delayed {
             delay_counts_from(dataset)
@@ -546,6 +551,19 @@ impl<'a> Said<'a> {
         format!(" The loops are {end}{as_well}.")
     }
 
+    /// The named structure of loops is one of several that the same single loop may have.
+    fn one_loop(&self, dataset: &Dataset, study: &Study) -> String {
+        let is_structure = |id: &String| by_id(id).is_some_and(|e| e.declaration().is_main());
+        let named = self.diagnosis.named.iter().find(|id| is_structure(id));
+        let one = DriveVariety::of(dataset, &study.split.both()).one_loop();
+        named.filter(|_| one).map_or_else(String::new, |id| {
+            format!(
+                " The drive runs through one loop, which does not distinguish {} from other structures of loops; turns inside the range do.",
+                spoken(id)
+            )
+        })
+    }
+
     /// What the model shows about the recording, each kind once; what the readings show by themselves stands
     /// in the data set's own remarks.
     fn issues(&self, dataset: &Dataset) -> String {
@@ -600,6 +618,15 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_far_below_a_nanometre_has_figures() {
+        assert_eq!(
+            [2e-9, 4.9e-6, 5.7e-4, 0.0123].map(nm),
+            ["2.0e-6", "4.9e-3", "0.57", "12.3"]
+        );
+        assert_eq!(nm(0.0), "0.00");
+    }
 
     #[test]
     fn of_many_values_the_one_that_moved_furthest_is_told() {

@@ -320,6 +320,29 @@ fn columns_without_names_are_known_by_what_they_do() {
         &text,
         &["2 columns may be the drive: column `u [v]` is taken"],
     );
+    // A second sensor of half the gain; of equals the first is read.
+    let with_sensors = |header: &str| {
+        let row = |[t, u, y]: &[f64; 3]| format!("{t:.4},{u:.6},{y:.6},{:.6}", 0.5 * y);
+        format!("{header}\n{}", rows(row))
+    };
+    gives(
+        "a.csv",
+        with_sensors("t_s,u_v,y_um,sensor_b"),
+        &[
+            "column `sensor_b` may be the displacement as well: column `y [um]` is taken; to take the other: --columns y=4",
+        ],
+    );
+    gives(
+        "a.csv",
+        with_sensors("t_s,u_v,sensor_a_um,sensor_b_um"),
+        &["2 columns may be the displacement: column `sensor_a [um]` is taken"],
+    );
+    let warm = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.3}", 21.0 + t));
+    gives(
+        "a.csv",
+        format!("t_s,u_v,y_um,temperature_c\n{warm}"),
+        &["looks like a temperature; --auxiliary temperature=4"],
+    );
     let exchanged = format!("t_s,y_um,u_v\n{}", plain(","));
     let notes = from_file("a.csv", exchanged.as_bytes())
         .unwrap()
