@@ -247,8 +247,16 @@ fn joined(names: &[String]) -> String {
 
 /// The verdict in a sentence or a few.
 #[must_use]
-pub fn sentence(d: &Diagnosis, first: &Judged, dataset: &Dataset, study: &Study) -> String {
-    let said = Said::of(d, first, study);
+pub fn sentence(
+    d: &Diagnosis,
+    [first, named]: [&Judged; 2],
+    dataset: &Dataset,
+    study: &Study,
+) -> String {
+    let mut said = Said::of(d, first, study);
+    said.described_by = named.model.effect_ids();
+    said.described_by
+        .retain(|id| first.model.effect(id).is_none() && !d.named.contains(id));
     let delayed = dataset.timing_is_assumed && d.named.iter().any(|id| id == delay::ID);
     let parts = [
         said.headline(),
@@ -277,6 +285,8 @@ struct Said<'a> {
     which: &'static str,
     before_um: f64,
     after_um: f64,
+    /// What the model of the named effects has to describe its loops more finely than the first.
+    described_by: Vec<String>,
     /// Times the noise up to which nothing remains.
     explained: f64,
     reading_step_um: Option<f64>,
@@ -286,11 +296,11 @@ struct Said<'a> {
 impl<'a> Said<'a> {
     fn of(d: &'a Diagnosis, first: &Judged, study: &Study) -> Self {
         let floor_um = d.noise_floor_um;
-        // Each number beside names is of the model that has these effects and no others.
-        let after = if matches!(d.verdict, Verdict::Named | Verdict::Ambiguous) {
-            d.residual_rms_named_um
-        } else {
+        // Each number is of the model that has the named effects, or nothing more than the first, and no others.
+        let after = if matches!(d.verdict, Verdict::Unexplained | Verdict::Undecidable) {
             d.residual_rms_after_um
+        } else {
+            d.residual_rms_named_um
         };
         Self {
             diagnosis: d,
@@ -302,6 +312,7 @@ impl<'a> Said<'a> {
             },
             before_um: first.error_um(),
             after_um: after.validate.unwrap_or(after.identify),
+            described_by: Vec::new(),
             explained: study.policy.explained,
             reading_step_um: study.reading_step_um,
             at_least_um: study.at_least_um,
@@ -331,6 +342,11 @@ impl<'a> Said<'a> {
         match d.verdict {
             Verdict::AtFloor if !d.changed.is_empty() => format!(
                 "Nothing is missing that this data could show: the {which} falls from {before} to {after} nm with other values; {noise}."
+            ),
+            Verdict::AtFloor if self.fell() && !self.described_by.is_empty() => format!(
+                "Nothing is missing that this data could show, but the loops are others: with {}, fitted again, the {which} falls from \
+                 {before} to {after} nm; {noise}.",
+                list(&self.described_by, "and")
             ),
             Verdict::AtFloor if self.fell() => format!(
                 "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the \
