@@ -637,6 +637,14 @@ fn damage_is_told_with_its_place() {
     ] {
         refused("a.csv", &text, words);
     }
+    // All of them at once.
+    let mut lines: Vec<&str> = good.lines().collect();
+    (lines[40], lines[50], lines[59]) = ("0.0195,NaN,1.0", "0.0245,NaN,1.0", "0.0290,1.0,inf");
+    refused(
+        "a.csv",
+        &lines.join("\n"),
+        &["row 41", "NaN, and in 2 more rows up to row 60"],
+    );
     let mut flipped = good.clone().into_bytes();
     flipped[2000] ^= 0x80;
     assert!(from_file("a.csv", &flipped).is_err());
