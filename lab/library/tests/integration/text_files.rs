@@ -642,7 +642,7 @@ fn damage_is_told_with_its_place() {
     (lines[40], lines[50], lines[59]) = ("0.0195,NaN,1.0", "0.0245,NaN,1.0", "0.0290,1.0,inf");
     refused(
         "a.csv",
-        &lines.join("\n"),
+        lines.join("\n"),
         &["row 41", "NaN, and in 2 more rows up to row 60"],
     );
     let mut flipped = good.clone().into_bytes();
