@@ -16,6 +16,7 @@ use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure};
 use crate::diagnosis::searched_data::for_evidence;
+use crate::diagnosis::selection::least_difference_um;
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -300,6 +301,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         require_finite(&model, dataset, &study.split.both())?;
     }
     let next = next_experiment(&grown, dataset, floor.rms_um);
+    let left_um = grown.simplest.first().map_or(0.0, |e| e.judged.error_um());
+    let least_um = least_difference_um(&study, left_um);
+    let decides = |best: &NextExperiment| best.proposal.decides(floor.rms_um, least_um);
     let found = Found {
         first: &grown.steps[0].judged,
         last: &last,
@@ -317,13 +321,12 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         out_of_time: grown.out_of_time,
         in_vain: next
             .as_ref()
-            .filter(|best| !best.proposal.decides(floor.rms_um))
+            .filter(|best| !decides(best))
             .map(|best| (&best.between, best.proposal.separation_um)),
     };
     let diagnosis = reporting::diagnosis(found, &floor, &study);
-    let next_experiment = next.filter(|best| {
-        diagnosis.verdict == Verdict::Ambiguous && best.proposal.decides(floor.rms_um)
-    });
+    let next_experiment =
+        next.filter(|best| diagnosis.verdict == Verdict::Ambiguous && decides(best));
     let (split, work) = (study.split.clone(), study.budget.work.clone());
     drop(study);
     let Grown {
