@@ -22,7 +22,7 @@ const SAMPLES: usize = 500;
 type Case = (&'static str, f64, &'static [(&'static str, &'static [f64])]);
 
 /// Chains that have every block between them, each at a sampling rate.
-const CASES: [Case; 9] = [
+const CASES: [Case; 10] = [
     (
         "loops_mode_creep",
         20_000.0,
@@ -120,6 +120,21 @@ const CASES: [Case; 9] = [
             ("vibration", &[3900.0, 0.03]),
             ("creep_pole_pair", &[0.01, 0.002, 40.0, 0.3]),
             ("thermal_drift", &[0.5, 0.0]),
+        ],
+    ),
+    (
+        "activated_with_bias",
+        10_000.0,
+        &[
+            (
+                "activated_switching",
+                &[
+                    0.04, 0.6, 5.0, 0.3, -0.2, 2.0, 0.5, -0.3, 0.2, 0.1, -1.0, 0.4, 0.3, -0.1, 0.2,
+                    0.5,
+                ],
+            ),
+            ("bias_dependent_gain", &[0.02, 0.01]),
+            ("vibration", &[3900.0, 0.03]),
         ],
     ),
     (
