@@ -373,20 +373,21 @@ pub fn gain_ratio(design: &ActuatorModel, chain: &Model, inverted: bool) -> Opti
         actual(STEPS, 0) / designed(STEPS, 0),
         f64::NEG_INFINITY,
     ];
-    let mut see = |step: &dyn Fn(&dyn Fn(usize, usize) -> f64) -> f64| {
-        let value = step(&actual)
-            / if inverted {
-                step(&designed)
-            } else {
-                mean_step_um
-            };
+    let mut see = |from: (usize, usize), to: (usize, usize)| {
+        let actual_um = actual(to.0, to.1) - actual(from.0, from.1);
+        let inverted_um = if inverted {
+            designed(to.0, to.1) - designed(from.0, from.1)
+        } else {
+            mean_step_um
+        };
+        let value = actual_um / inverted_um;
         ratio[0] = ratio[0].min(value);
         ratio[2] = ratio[2].max(value);
     };
     for i in 1..=STEPS {
         for j in 0..i {
-            see(&|loss| loss(i, j) - loss(i - 1, j));
-            see(&|loss| loss(i, j) - loss(i, j + 1));
+            see((i - 1, j), (i, j));
+            see((i, j + 1), (i, j));
         }
     }
     Some(ratio)
