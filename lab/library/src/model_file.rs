@@ -269,6 +269,13 @@ struct ParameterEntry {
     step: Option<f64>,
 }
 
+/// Whether a text is that of a model, as far as its schema tells.
+#[must_use]
+pub fn is_model(text: &str) -> bool {
+    let schema = |line: &str| line.starts_with("schema") && line.contains(SCHEMA);
+    text.lines().any(schema)
+}
+
 /// The text of a model with the data that it came from.
 ///
 /// # Errors
