@@ -481,7 +481,7 @@ impl<'a> Said<'a> {
             return String::new();
         }
         format!(
-            " Also in the model, not needed: {}; with {} the {} is {} nm.",
+            " Also in the model, not named: {}; with {} the {} is {} nm.",
             list(&d.also_in_the_model, "and"),
             if d.also_in_the_model.len() > 1 {
                 "them"
