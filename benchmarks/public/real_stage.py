@@ -5,8 +5,9 @@
 
 FOLDER holds `piezo_stage`. Needs NumPy, SciPy and Numba. Prints the table of docs/results/real_stage.md. Every structure is
 a density over threshold and position of play operators, a cubic of the drive, creep and the 735 Hz mode. Each is fitted by
-linear least squares to four sets of records and judged on all of them. With `--pictures` it draws what the last structure
-leaves on records that it was not fitted to.
+linear least squares to four sets of records and judged on all of them. A second table gives every held-out record the state
+before it that serves its first third best. With `--pictures` it draws what the last structure leaves on records that it was
+not fitted to.
 """
 
 import argparse
@@ -55,11 +56,11 @@ def walk(drive, start, width, lost):
 
 
 def positions(drive, held_s, shape):
-    """Of all plays: first where they rest at 0 V, reached from the lower limit, then along the drive."""
+    """Of all plays: first where they rest at 0 V behind the last turn of a drive, then along the drive."""
     width = shape.activation * (np.full(PLAYS, shape.one_width_of_v) if shape.one_width_of_v else THRESHOLDS)
     lost_in = lambda time: -np.expm1(-2 * time / ATTEMPT_S * np.exp(-THRESHOLDS / width))
     hold = lambda start, volt, time: np.array([follow(*of) for of in zip(start, np.full(PLAYS, volt), width, lost_in(time))])
-    rest = hold(LOWER_V + THRESHOLDS if shape.swept else np.zeros(PLAYS), 0.0, RESTED_S)
+    rest = hold(shape.turn_v + shape.side * THRESHOLDS, 0.0, RESTED_S)
     begin = hold(rest, drive[0], held_s)
     return np.column_stack([rest, walk(drive, begin, width, lost_in(1 / RATE_HZ))])
 
@@ -128,11 +129,15 @@ def bias(time_s):
 
 
 class Shape(NamedTuple):
-    """Widths of the edges of plays, as shares of their thresholds or of one voltage, and where they begin."""
+    """Widths of the edges of plays, as shares of their thresholds or of one voltage, and the state before a record.
+
+    The last turn before it is at `turn_v`; `side` is 1 where the drive fell there from far above, -1 where it rose.
+    """
 
     activation: float = 0.031
     one_width_of_v: float = 0.0
-    swept: bool = True
+    turn_v: float = LOWER_V
+    side: float = 1.0
 
 
 STRUCTURES = (
@@ -143,7 +148,7 @@ STRUCTURES = (
     ("the same, activation 0.025", Shape(0.025), creep, 1),
     ("the same, activation 0.04", Shape(0.04), creep, 1),
     ("edges as wide as that of a play of 30 V", Shape(one_width_of_v=30.0), creep, 1),
-    ("plays that begin at 0 V", Shape(swept=False), creep, 1),
+    ("plays that begin at 0 V", Shape(turn_v=0.0, side=0.0), creep, 1),
     ("activated plays, creep, relaxation of the switching part", Shape(), relaxing, 3),
     ("activated plays, creep, strain quadratic in polarisation", Shape(), quadratic, 3),
     ("activated plays, creep, drive times switching part", Shape(), product, 3),
@@ -154,19 +159,23 @@ STRUCTURES = (
 )
 
 
+def regressors(part, record, extra, solution):
+    switching, s = part
+    plain = np.array([s, s**2, s**3])
+    count = len(switching)
+    h = solution[:count] @ switching if solution is not None else 0 * s
+    l = solution[count : count + 3] @ plain if solution is not None else 0 * s
+    return mode(np.vstack([switching, plain, *extra(s, h, l, record[3])])[:, 1:])
+
+
 def judge(parts, records, fitted, extra, rounds):
-    """Residuals in um of all records by a fit to some."""
+    """Residuals in um of all records by a fit to some, and its coefficients."""
     solution = None
     for _ in range(rounds):
-        normal, right, regressors = 0.0, 0.0, {}
-        for name, (switching, s) in parts.items():
-            t, _, y, held_s = records[name]
-            plain = np.array([s, s**2, s**3])
-            count = len(switching)
-            h = solution[:count] @ switching if solution is not None else 0 * s
-            l = solution[count : count + 3] @ plain if solution is not None else 0 * s
-            rows = mode(np.vstack([switching, plain, *extra(s, h, l, held_s)])[:, 1:])
-            regressors[name] = rows
+        normal, right, of_each, before = 0.0, 0.0, {}, solution
+        for name, part in parts.items():
+            y = records[name][2]
+            rows = of_each[name] = regressors(part, records[name], extra, before)
             if name in fitted:
                 x, e = rows[:, ::3], y[::3] - y[::3].mean()
                 x = x - x.mean(1, keepdims=True)
@@ -175,11 +184,25 @@ def judge(parts, records, fitted, extra, rounds):
         ridge = 1e-6 * np.eye(len(scale))
         solution = np.linalg.solve(normal / np.outer(scale, scale) + ridge, right / scale) / scale
     out = {}
-    for name, rows in regressors.items():
+    for name, rows in of_each.items():
         t, _, y, _ = records[name]
         left = y - solution @ rows
         out[name] = left - left[t >= FROM_S[name]].mean()
-    return out
+    return out, solution
+
+
+def with_other_states(parts_of, name, record, extra, solution):
+    """Errors in nm on the last two thirds of a record: with a sweep before it, with the state that serves its first third
+    best, and with the one that serves the rest best."""
+    judged = record[0] >= FROM_S[name]
+    tried = []
+    for turn_v in (LOWER_V, -70.0, -45.0, 0.0, 45.0, 95.0):
+        for side in (1.0, 0.5, 0.0, -0.5, -1.0):
+            rows = regressors(parts_of(name, Shape(turn_v=turn_v, side=side)), record, extra, solution)
+            left = 1e3 * (record[2] - solution @ rows)[judged]
+            first, rest = np.split(left, [len(left) // 3])
+            tried.append((first.std(), np.sqrt(((rest - first.mean()) ** 2).mean()), turn_v, side))
+    return tried[0], min(tried), min(tried, key=lambda of: of[1])
 
 
 def picture(path, panels):
@@ -229,13 +252,14 @@ def main():
     records = load(folder)
     cache = {}
 
+    def part_of(name, shape):
+        _, u, _, held_s = records[name]
+        return density(positions(u, held_s, shape)), np.concatenate([[0.0], u / LARGEST_V])
+
     def parts_at(shape):
         if shape not in cache:
             cache.clear()
-            cache[shape] = {
-                name: (density(positions(u, held, shape)), np.concatenate([[0.0], u / LARGEST_V]))
-                for name, (_, u, _, held) in records.items()
-            }
+            cache[shape] = {name: part_of(name, shape) for name in records}
         return cache[shape]
 
     print("| structure | all four | 20 Hz, sine | 40 Hz, tri | 20, 40 Hz |\n|---|---|---|---|---|")
@@ -243,13 +267,21 @@ def main():
     for label, shape, extra, rounds in STRUCTURES:
         cells = []
         for fitted in SETS:
-            left = judge(parts_at(shape), records, fitted, extra, rounds)
+            left, _ = judge(parts_at(shape), records, fitted, extra, rounds)
             error = lambda n: 1e3 * left[n][records[n][0] >= FROM_S[n]].std()
             cells.append(" ".join(f"**{error(n):.0f}**" if n not in fitted else f"{error(n):.0f}" for n in NAMES))
         print(f"| {label} | " + " | ".join(cells) + " |", flush=True)
+    print("\n| fitted | held out | a sweep before it | best on its first third | best on the rest |\n|---|---|---|---|---|")
+    for label, extra, rounds in (("creep", creep, 1), ("and a gain by the bias over 1 s", bias(1.0), 3)):
+        for fitted in SETS[1:]:
+            _, solution = judge(parts_at(Shape()), records, fitted, extra, rounds)
+            for name in (n for n in NAMES if n not in fitted):
+                states = with_other_states(part_of, name, records[name], extra, solution)
+                cells = [f"{first:.0f}, {rest:.0f}" + f" ({turn_v:.0f} V, {side:g})" * (i > 0) for i, (first, rest, turn_v, side) in enumerate(states)]
+                print(f"| {label}: {', '.join(fitted)} | {name} | " + " | ".join(cells) + " |", flush=True)
     crossed = {}
     for fitted in SETS[1:3]:
-        found = judge(parts_at(Shape()), records, fitted, bias(1.0), 3)
+        found, _ = judge(parts_at(Shape()), records, fitted, bias(1.0), 3)
         crossed.update({n: found[n] for n in NAMES if n not in fitted})
     print("\n| held out | thirds of the record, nm | mean on rising, falling, nm | within 2, 6, 15 ms of a turn, nm |")
     print("|---|---|---|---|")

@@ -131,17 +131,39 @@ impl FilterSetting {
     /// Whether every section of it can be had.
     #[must_use]
     pub fn accepted(&self, sample_rate_hz: u32) -> bool {
-        [Place::Notch1, Place::Notch2, Place::LowPass]
+        Place::ALL
             .iter()
-            .all(|place| self.row(*place, sample_rate_hz).is_ok())
+            .all(|place| self.exact_tangents(*place, sample_rate_hz).is_ok())
     }
 
-    /// The integers of a section.
+    /// What a section is made of, rounded to 24 bits; none where it is off.
     ///
     /// # Errors
     /// [`EXPECTED_FILTER`].
+    pub(crate) fn tangents(
+        &self,
+        place: Place,
+        sample_rate_hz: u32,
+    ) -> Result<Option<SectionTangents>, &'static str> {
+        let real = |wide: i64| (wide >> (BITS - 24)) as i32 as f32 / (1u32 << 24) as f32;
+        let exact = self.exact_tangents(place, sample_rate_hz)?;
+        Ok(exact.map(|section| match section {
+            SectionTangents::Notch { centre, width } => SectionTangents::Notch {
+                centre: real(centre),
+                width: real(width),
+            },
+            SectionTangents::LowPass { corner } => SectionTangents::LowPass {
+                corner: real(corner),
+            },
+        }))
+    }
+
     #[inline(never)]
-    pub fn row(&self, place: Place, sample_rate_hz: u32) -> Result<SectionRow, &'static str> {
+    fn exact_tangents(
+        &self,
+        place: Place,
+        sample_rate_hz: u32,
+    ) -> Result<Option<SectionTangents<i64>>, &'static str> {
         let highest = u64::from(sample_rate_hz) * 1000 * HIGHEST_SHARE / 1024;
         let within = |lowest: u32, millihertz: u32| {
             let accepted = millihertz >= lowest && u64::from(millihertz) <= highest;
@@ -153,22 +175,44 @@ impl FilterSetting {
         };
         let [first, second] = &self.notches;
         let notch = match place {
-            Place::LowPass if self.low_pass_millihertz == 0 => return Ok(PASSES),
+            Place::LowPass if self.low_pass_millihertz == 0 => return Ok(None),
             Place::LowPass => {
-                return within(LOWEST_MILLIHERTZ, self.low_pass_millihertz).map(low_pass);
+                let corner = within(LOWEST_MILLIHERTZ, self.low_pass_millihertz)?;
+                return Ok(Some(SectionTangents::LowPass { corner }));
             }
             Place::Notch1 => first,
             Place::Notch2 => second,
         };
         if notch.frequency_millihertz == 0 {
-            return Ok(PASSES);
+            return Ok(None);
         }
-        let centre = within(LOWEST_MILLIHERTZ, notch.frequency_millihertz)?;
-        Ok(notch_row(
-            centre,
-            within(NARROWEST_MILLIHERTZ, notch.width())?,
-        ))
+        Ok(Some(SectionTangents::Notch {
+            centre: within(LOWEST_MILLIHERTZ, notch.frequency_millihertz)?,
+            width: within(NARROWEST_MILLIHERTZ, notch.width())?,
+        }))
     }
+
+    /// The integers of a section.
+    ///
+    /// # Errors
+    /// [`EXPECTED_FILTER`].
+    #[inline(never)]
+    pub fn row(&self, place: Place, sample_rate_hz: u32) -> Result<SectionRow, &'static str> {
+        Ok(match self.exact_tangents(place, sample_rate_hz)? {
+            None => PASSES,
+            Some(SectionTangents::Notch { centre, width }) => notch_row(centre, width),
+            Some(SectionTangents::LowPass { corner }) => low_pass(corner),
+        })
+    }
+}
+
+/// `tan(pi f / f_s)` of the frequencies of a section.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum SectionTangents<T = f32> {
+    /// A notch and its width.
+    Notch { centre: T, width: T },
+    /// A low-pass.
+    LowPass { corner: T },
 }
 
 /// From the tangents of the frequency and of the width.

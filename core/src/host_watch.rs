@@ -3,9 +3,9 @@
 //! # How it works
 //! The tasks that take lines from a host note the tick of the last one ([`HostWatch::hear`]), whatever the
 //! line was and on whatever channel; the control interrupt asks at every tick whether that was too long ago
-//! ([`HostWatch::is_lost`]). It counts only while the drive is live: nobody is missed at rest. No time is too
-//! long until somebody chooses one ([`HostWatch::set_timeout`]), because a program that closes a loop and
-//! leaves is a usual thing too.
+//! ([`HostWatch::missed`]). While the drive is live that is a fault. At rest the power stage is switched off:
+//! nobody leaves a bench with high voltage on. Behind a start the time is [`USUAL_TIMEOUT_S`]; a host that
+//! closes a loop and leaves chooses none ([`HostWatch::set_timeout`]).
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -13,6 +13,8 @@ use crate::amplifier::Mode;
 
 /// The shortest time that can be chosen, ms: several periods of the tasks that take the lines.
 pub const SHORTEST_TIMEOUT_MS: u32 = 10;
+/// The time behind a start, s: longer than an operator thinks between two lines.
+pub const USUAL_TIMEOUT_S: u32 = 600;
 /// The longest, ms: an hour.
 pub const LONGEST_TIMEOUT_MS: u32 = 3_600_000;
 
@@ -27,19 +29,19 @@ pub fn timeout_ticks(milliseconds: u32, sample_rate_hz: u32) -> Option<u32> {
 }
 
 /// When the host was last heard, and for how long it may be silent.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct HostWatch {
     heard_at: AtomicU32,
     timeout_ticks: AtomicU32,
 }
 
 impl HostWatch {
-    /// The host may be silent for ever.
+    /// The host may be silent for [`USUAL_TIMEOUT_S`].
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn new(sample_rate_hz: u32) -> Self {
         Self {
             heard_at: AtomicU32::new(0),
-            timeout_ticks: AtomicU32::new(0),
+            timeout_ticks: AtomicU32::new(USUAL_TIMEOUT_S * sample_rate_hz),
         }
     }
 
@@ -60,15 +62,28 @@ impl HostWatch {
         self.timeout_ticks.load(Ordering::Relaxed)
     }
 
-    /// Whether it has been silent for longer at the tick `now`, the drive being live.
+    /// What is to be done at the tick `now`, where it has been silent for longer.
     #[inline(always)]
     #[must_use]
-    pub fn is_lost(&self, now: u32, mode: Mode) -> bool {
+    pub fn missed(&self, now: u32, mode: Mode, powered: bool) -> Option<Missed> {
         let timeout = self.timeout_ticks.load(Ordering::Acquire);
-        timeout != 0
-            && now.wrapping_sub(self.heard_at.load(Ordering::Relaxed)) > timeout
-            && matches!(mode, Mode::Playing | Mode::Closed)
+        let silent = now.wrapping_sub(self.heard_at.load(Ordering::Relaxed)) > timeout;
+        match mode {
+            _ if timeout == 0 || !silent => None,
+            Mode::Playing | Mode::Closed => Some(Missed::Stop),
+            Mode::Rest if powered => Some(Missed::SwitchOff),
+            Mode::Rest | Mode::Fault => None,
+        }
     }
+}
+
+/// What a host that has been silent for too long leaves to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missed {
+    /// The drive is live, which is [`crate::guard::Fault::HostLost`].
+    Stop,
+    /// The drive rests, and the power stage is on: disarm.
+    SwitchOff,
 }
 
 #[cfg(test)]
@@ -76,29 +91,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_silent_host_is_lost_after_its_time_and_only_while_the_drive_is_live() {
-        let watch = HostWatch::new();
-        assert!(
-            !watch.is_lost(u32::MAX, Mode::Closed),
-            "nobody asked for it"
-        );
+    fn a_silent_host_stops_what_is_live_and_switches_off_what_rests() {
+        let watch = HostWatch::new(20_000);
+        assert_eq!(watch.timeout(), 12_000_000);
+        let (lost, off) = (Some(Missed::Stop), Some(Missed::SwitchOff));
         for start in [0, 1000, u32::MAX - 50] {
-            let after = |ticks: u32| start.wrapping_add(ticks);
+            let missed =
+                |ticks: u32, mode, powered| watch.missed(start.wrapping_add(ticks), mode, powered);
             watch.set_timeout(start, 100);
-            assert!(!watch.is_lost(after(100), Mode::Closed));
-            assert!(
-                watch.is_lost(after(101), Mode::Closed) && watch.is_lost(after(101), Mode::Playing)
-            );
-            assert!(
-                !watch.is_lost(after(101), Mode::Rest) && !watch.is_lost(after(101), Mode::Fault)
-            );
-            watch.hear(after(90));
-            assert!(
-                !watch.is_lost(after(190), Mode::Closed) && watch.is_lost(after(191), Mode::Closed)
-            );
+            assert_eq!(missed(100, Mode::Closed, true), None);
+            assert_eq!(missed(101, Mode::Closed, true), lost);
+            assert_eq!(missed(101, Mode::Playing, true), lost);
+            assert_eq!(missed(101, Mode::Rest, true), off);
+            assert_eq!(missed(101, Mode::Rest, false), None);
+            assert_eq!(missed(101, Mode::Fault, true), None);
+            watch.hear(start.wrapping_add(90));
+            assert_eq!(missed(190, Mode::Closed, true), None);
+            assert_eq!(missed(191, Mode::Closed, true), lost);
         }
         watch.set_timeout(0, 0);
-        assert!(!watch.is_lost(1 << 31, Mode::Closed));
+        assert_eq!(watch.missed(1 << 31, Mode::Closed, true), None);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The part of Hysteron that runs on the microcontroller: `no_std`, and integers only in the control tick.
 //!
-//! [`loop_telemetry`] stands below the tick and is the one module with floats.
+//! [`loop_telemetry`] and [`loop_margin`] stand below the tick; no other module has floats.
 //!
 //! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of
 //! its modules: [`servo_tick`] is the entry (ADC code in, DAC code out), [`servo_parameters`] is everything
@@ -30,6 +30,7 @@ pub mod integer_row;
 pub mod kept_settings;
 pub mod learned_feedforward;
 pub mod line_input;
+pub mod loop_margin;
 pub mod loop_telemetry;
 pub mod one_sided_hysteresis;
 pub mod output_limit;

@@ -312,7 +312,7 @@ fn whole(value: f32) -> u32 {
 
 /// Square root of what is not negative: micromath's estimate, and Heron's steps from a few per cent to the
 /// last place but one.
-fn square_root(square: f32) -> f32 {
+pub(crate) fn square_root(square: f32) -> f32 {
     if square <= 0.0 {
         return 0.0;
     }

@@ -5,8 +5,8 @@
 //! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps),
 //! length of the content (4), content, CRC-32 of all before it (4). The content is the physical description
 //! ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
-//! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both; last,
-//! and only where a periodic reference is learned, the filters for it, and behind them, only where the gain
+//! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both, then
+//! the bands of the loop ([`crate::loop_margin`]); last, and only where a periodic reference is learned, the filters for it, and behind them, only where the gain
 //! is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another sampling
 //! rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or
 //! whose design is not stable, and says which.
@@ -14,10 +14,12 @@
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
+use crate::filter_design::FilterSetting;
 use crate::gain_adaptation::AdaptationParameters;
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
 use crate::learned_feedforward::LearningParameters;
+use crate::loop_margin::LoopBands;
 use crate::one_sided_hysteresis::{
     SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients,
 };
@@ -33,7 +35,7 @@ use crate::state_estimator::EstimatorParameters;
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 6;
+pub const VERSION: u16 = 7;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
@@ -72,6 +74,8 @@ pub struct AmplifierParameters {
     pub servo: ServoParameters,
     /// Guard.
     pub guard: GuardParameters,
+    /// What filters of the sensor and an adapted gain must leave of the loop.
+    pub loop_bands: LoopBands,
 }
 
 /// Why a block is refused.
@@ -421,6 +425,7 @@ impl Wire for AmplifierParameters {
                     adaptation,
                 },
             guard,
+            loop_bands,
         } = self;
         physical.write(to)?;
         converters.write(to)?;
@@ -429,6 +434,7 @@ impl Wire for AmplifierParameters {
         delayed.write(to)?;
         sensor_lag.write(to)?;
         guard.write(to)?;
+        loop_bands.write(to)?;
         learning
             .as_ref()
             .map_or(Ok(()), |learning| learning.write(to))?;
@@ -448,6 +454,7 @@ impl Wire for AmplifierParameters {
             adaptation: None,
         };
         let guard = Wire::read(from)?;
+        let loop_bands = Wire::read(from)?;
         if from.rest.len() > ADAPTATION_BYTES {
             servo.learning = Some(Wire::read(from)?);
         }
@@ -458,6 +465,7 @@ impl Wire for AmplifierParameters {
             physical,
             servo,
             guard,
+            loop_bands,
         })
     }
 }
@@ -986,6 +994,15 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
             ));
         }
     }
+    if !parameters.knows_its_loop() {
+        return Err(BlockError::Range(
+            "a law that closes a loop says what the loop passes on",
+        ));
+    }
+    parameters
+        .loop_margin()
+        .bears(&FilterSetting::OFF)
+        .map_err(|_| BlockError::Range("the loop has no margin for the gain that it adapts"))?;
     // V per tick with 38 fraction bits.
     let slew =
         (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
@@ -1029,6 +1046,7 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
 pub(crate) mod tests {
     extern crate std;
     use super::*;
+    use crate::loop_margin::BANDS;
     use std::vec::Vec;
 
     /// Bounds of the adapted gain.
@@ -1121,6 +1139,9 @@ pub(crate) mod tests {
                 ramp_codes: 40,
                 rest_code: DriveCode::new(9363),
                 healthy_ticks: 1000,
+            },
+            loop_bands: LoopBands {
+                transmission: [32; BANDS],
             },
         }
     }

@@ -56,6 +56,11 @@ pub enum Place {
     LowPass = 2,
 }
 
+impl Place {
+    /// Every place, in the order of the chain.
+    pub const ALL: [Self; SECTIONS] = [Self::Notch1, Self::Notch2, Self::LowPass];
+}
+
 /// A section with its past.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
@@ -270,10 +275,8 @@ mod tests {
         })
     }
 
-    const PLACES: [Place; SECTIONS] = [Place::Notch1, Place::Notch2, Place::LowPass];
-
     fn set_all(filter: &mut SignalFilter, setting: &FilterSetting) {
-        for place in PLACES {
+        for place in Place::ALL {
             filter.set(place, &row(place, setting));
         }
     }
@@ -312,7 +315,7 @@ mod tests {
             }
             let mut unchanged = filter.clone();
             let last = filter.clone().step(sine(hz, at - 1), &mut saturated);
-            for place in PLACES {
+            for place in Place::ALL {
                 filter.set(place, &row(place, &new));
             }
             prop_assert_eq!(filter.step(sine(hz, at), &mut saturated), unchanged.step(sine(hz, at), &mut saturated), "after {}", last);
@@ -390,7 +393,7 @@ mod tests {
                 .into_iter()
                 .zip(filters)
             {
-                for place in PLACES {
+                for place in Place::ALL {
                     assert_eq!(
                         amplifier.command(Command::Filter {
                             signal,

@@ -270,10 +270,11 @@ fn obey(line: &WaitingLine) {
                 );
             }
         }
-        Ok(Line::BlockCommit) => match drive_rests() {
-            Ok(()) => settings::keep(),
-            Err(reason) => defmt::warn!("refused: block: {=str}", reason),
-        },
+        Ok(Line::BlockCommit) => {
+            if let Err(reason) = settings::keep() {
+                defmt::warn!("refused: block: {=str}", reason);
+            }
+        }
         Ok(Line::BlockEnvelope(fingerprint)) => answer(
             "safety envelope is being kept",
             settings::keep_envelope(fingerprint),

@@ -18,7 +18,7 @@ use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
 use hysteron_core::guard::Fault;
-use hysteron_core::host_watch::HostWatch;
+use hysteron_core::host_watch::{HostWatch, Missed};
 use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
@@ -257,6 +257,8 @@ pub struct State {
     pub adc_code: SensorCode,
     /// What the drive's converter was given.
     pub dac_code: DriveCode,
+    /// What the amplifier's voltage monitor read.
+    pub monitor_code: Option<u16>,
     /// um with 24 fraction bits.
     pub reference: i32,
     /// Position at the sensor's code 0, um with 24 fraction bits.
@@ -288,6 +290,7 @@ impl State {
         },
         adc_code: SensorCode::new(0),
         dac_code: DriveCode::new(0),
+        monitor_code: None,
         reference: 0,
         adc_zero: 0,
         zeroed: false,
@@ -336,7 +339,7 @@ fn publish(state: State) {
 }
 
 /// Whether whoever gives commands, on whatever channel, is still there.
-static HOST: HostWatch = HostWatch::new();
+static HOST: HostWatch = HostWatch::new(SAMPLE_RATE_HZ);
 
 /// What the tasks may know of the interrupt.
 #[derive(Clone, Copy, defmt::Format)]
@@ -535,11 +538,18 @@ extern "C" fn TIM2() {
     if let Some(fault) = safety_lines::fault() {
         control.amplifier.refuse(fault);
     }
-    if HOST.is_lost(control.tick, control.amplifier.mode()) {
-        control.amplifier.refuse(Fault::HostLost);
+    match HOST.missed(
+        control.tick,
+        control.amplifier.mode(),
+        control.amplifier.powered(),
+    ) {
+        None => {}
+        Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
+        Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
+    let mut monitored = None;
     if Converters::HAS_MONITOR && control.has_monitor {
-        let monitored = control.front_end.monitor();
+        monitored = control.front_end.monitor();
         control.amplifier.inspect_output(monitored);
     }
     control
@@ -576,6 +586,7 @@ extern "C" fn TIM2() {
         status,
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
+        monitor_code: monitored,
         reference: sample.reference,
         adc_zero: amplifier.parameters().servo.converters.adc_zero,
         zeroed: amplifier.zeroed(),

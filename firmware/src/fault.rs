@@ -20,6 +20,7 @@ use crate::board::{Board, Converters, Platform};
 use crate::control;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 use crate::safety_lines;
+use crate::serial_port;
 use crate::task_clock;
 use crate::update;
 
@@ -36,7 +37,7 @@ const WATCHDOG_COUNTS: u16 = 100;
 /// Periods of the tasks' clock between two feedings: 10 ms.
 const WATCH_PERIODS: u64 = 10;
 
-/// Feedings in a row, each behind ticks that went on and were not late, that make an image healthy: 1 s.
+/// Feedings in a row, each behind ticks that went on and were not late, with a serial port that answers, that make an image healthy: 1 s.
 const HEALTHY_FEEDINGS: u32 = 100;
 /// An image on trial that has not been healthy after so many is restarted, and so rolled back: 10 s.
 const MOST_TRIAL_FEEDINGS: u32 = 1_000;
@@ -93,7 +94,10 @@ pub async fn watch() {
             Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
         }
         if update::is_on_trial() {
-            let went_on = ticks != last && control::overruns() == overruns;
+            let went_on = ticks != last
+                && control::overruns() == overruns
+                // Without it nobody could bring another image.
+                && serial_port::is_alive();
             healthy = if went_on { healthy + 1 } else { 0 };
             of_trial += 1;
             if healthy == HEALTHY_FEEDINGS {

@@ -170,7 +170,7 @@ fn hand_over(
         defmt::error!("last restart: {=str}", cause.name());
         amplifier.refuse(cause);
     }
-    if kept_are_refused {
+    if kept_are_refused | !settings::filter(&mut amplifier, SAMPLE_RATE_HZ) {
         amplifier.refuse(Fault::KeptSettings);
     }
     if let Some(fault) = refused {
@@ -185,7 +185,6 @@ fn hand_over(
             amplifier.watch_output(OutputMonitor::new(monitor));
         }
     }
-    settings::filter(&mut amplifier, SAMPLE_RATE_HZ);
     if !fault::cycle_counter_runs() {
         defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
         amplifier.refuse(Fault::Overrun);

@@ -33,6 +33,11 @@ pub fn is_busy() -> bool {
     false
 }
 
+/// Never.
+pub fn is_under_way() -> bool {
+    false
+}
+
 /// Refuses.
 pub fn begin(_: u32) -> Result<(), UpdateRefusal> {
     Err(UpdateRefusal::Unsupported)

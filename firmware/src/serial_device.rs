@@ -3,6 +3,7 @@
 use core::sync::atomic::AtomicI32;
 
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::firmware_update::ImageHeader;
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
@@ -36,6 +37,7 @@ impl Device for Target {
             fault: state.status.fault,
             adc_code: state.adc_code,
             dac_code: state.dac_code,
+            monitor_code: state.monitor_code,
             reference: state.reference,
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,
@@ -80,11 +82,7 @@ impl Device for Target {
     }
 
     fn keep_block(&mut self) -> Result<(), Moving> {
-        if control::drive_rests() {
-            Ok(settings::keep())
-        } else {
-            Err(Moving)
-        }
+        settings::keep().map_err(|_| Moving)
     }
 
     fn keep_envelope(&mut self, fingerprint: u32) -> Result<(), Moving> {
@@ -113,11 +111,7 @@ impl Device for Target {
     }
 
     fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving> {
-        if control::drive_rests() && !settings::is_keeping() {
-            Ok(settings::keep_settings(settings))
-        } else {
-            Err(Moving)
-        }
+        settings::keep_settings(settings).map_err(|_| Moving)
     }
 
     fn brought(&self) -> Brought {
@@ -151,6 +145,10 @@ impl Device for Target {
 
     fn commit_update(&mut self, checksum: u32) -> Result<bool, UpdateRefusal> {
         update::commit(checksum)
+    }
+
+    fn take_sensor_filter(&mut self, filter: &FilterSetting) -> Result<(), &'static str> {
+        settings::take_sensor_filter(filter)
     }
 
     fn host_timeout(&self) -> u32 {

@@ -50,6 +50,9 @@ static REPLY: Signal<ThreadModeRawMutex, Reply> = Signal::new();
 static LINE_BAUD: AtomicU32 = AtomicU32::new(BAUD);
 static BAUD_CHANGED: Signal<ThreadModeRawMutex, u32> = Signal::new();
 static RESTART: Signal<ThreadModeRawMutex, ()> = Signal::new();
+/// Turns that the tasks have had: of the first since the last look, of the other since the start.
+static RECEIVING_TURNS: AtomicU32 = AtomicU32::new(0);
+static OBEYING_TURNS: AtomicU32 = AtomicU32::new(0);
 static SESSION: StaticCell<Session<Target>> = StaticCell::new();
 
 /// Opens the port.
@@ -83,6 +86,14 @@ pub fn set_baud(baud: u32) {
 /// Restarts the part, once what is being sent has gone.
 pub fn restart() {
     RESTART.signal(());
+}
+
+/// Whether the port can be spoken to: it is set up, its tasks have had their turns, and the one that takes
+/// bytes has answered the last call. Calls it again.
+pub fn is_alive() -> bool {
+    let answered = RECEIVING_TURNS.swap(0, Ordering::Relaxed) > 0;
+    serial_line::CAME.signal(());
+    answered && OBEYING_TURNS.load(Ordering::Relaxed) > 0
 }
 
 /// Takes what became of a command of this port.
@@ -131,6 +142,7 @@ async fn receiving() {
             // The byte found no room: what waits came before it all the same.
             LINES.lock(|lines| lines.borrow_mut().receive(&[STOP_BYTE]));
         }
+        RECEIVING_TURNS.fetch_add(1, Ordering::Relaxed);
         LINE_CAME.signal(());
     }
 }
@@ -140,6 +152,7 @@ async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
     let mut piece = Piece::new();
     loop {
         LINE_CAME.wait().await;
+        OBEYING_TURNS.store(1, Ordering::Relaxed);
         while let Some(line) = LINES.lock(|lines| lines.borrow_mut().next()) {
             // Read before the line is obeyed: a stop that comes from here on ends what it began.
             let stops = command_port::stops();

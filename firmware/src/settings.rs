@@ -25,7 +25,9 @@ use hysteron_core::amplifier::Amplifier;
 use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
+use hysteron_core::loop_margin::{LoopMargin, NO_MARGIN};
 use hysteron_core::parameter_block::{
     AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation,
 };
@@ -35,7 +37,7 @@ use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::{CodeBits, FrontEnd};
-use crate::{control, flash_read};
+use crate::{control, flash_read, update};
 
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
@@ -66,6 +68,10 @@ static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> =
     ThreadModeMutex::new(Cell::new(None));
 /// What the operator kept, as it was at the start.
 static KEPT: ThreadModeMutex<Cell<Option<KeptSettings>>> = ThreadModeMutex::new(Cell::new(None));
+/// What the loop of the running block bears, and the filter of the sensor that it has to; `None` before the
+/// start.
+static LOOP: ThreadModeMutex<Cell<Option<(LoopMargin, FilterSetting)>>> =
+    ThreadModeMutex::new(Cell::new(None));
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
@@ -186,28 +192,57 @@ pub fn kept_settings() -> Option<KeptSettings> {
     KEPT.lock(Cell::get)
 }
 
-/// Gives an amplifier the filters that were kept for its stage.
-pub fn filter(amplifier: &mut Amplifier, sample_rate_hz: u32) {
-    let stage = amplifier.parameters().physical.name;
-    let Some(kept) = kept_settings().filter(|kept| kept.stage == stage) else {
-        return;
+/// Gives an amplifier the filters that were kept for its stage; `false` where its loop does not bear them.
+pub fn filter(amplifier: &mut Amplifier, sample_rate_hz: u32) -> bool {
+    let (stage, margin) = (
+        amplifier.parameters().physical.name,
+        amplifier.parameters().loop_margin(),
+    );
+    let kept = kept_settings().filter(|kept| kept.stage == stage);
+    let bears = |kept: &KeptSettings| {
+        let [_, sensor] = &kept.filters;
+        margin.bears(sensor).is_ok()
+    };
+    let borne = kept.filter(bears);
+    let sensor = borne.map_or(FilterSetting::OFF, |kept| kept.filters[1]);
+    LOOP.lock(|place| place.set(Some((margin, sensor))));
+    if kept.is_some() && borne.is_none() {
+        defmt::error!("kept settings refused: {=str}", NO_MARGIN);
+        KEPT.lock(|place| place.set(None));
+    }
+    let Some(kept) = borne else {
+        return kept.is_none();
     };
     for (signal, filter) in [FilteredSignal::SetPoint, FilteredSignal::Sensor]
         .into_iter()
         .zip(kept.filters)
     {
-        for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
+        for place in Place::ALL {
             if let Ok(row) = filter.row(place, sample_rate_hz) {
                 amplifier.set_filter(signal, place, &row);
             }
         }
     }
+    true
+}
+
+/// The filter of the sensor is to be this from now on.
+pub fn take_sensor_filter(filter: &FilterSetting) -> Result<(), &'static str> {
+    if is_keeping() {
+        return Err(BUSY);
+    }
+    let (margin, _) = LOOP.lock(Cell::get).ok_or(NO_MARGIN)?;
+    margin.bears(filter)?;
+    LOOP.lock(|place| place.set(Some((margin, *filter))));
+    Ok(())
 }
 
 /// Lets [`keeper`] keep settings from the next start on.
-pub fn keep_settings(settings: &KeptSettings) {
+pub fn keep_settings(settings: &KeptSettings) -> Result<(), &'static str> {
+    may_write()?;
     BROUGHT.lock(|brought| brought.set(Brought::Busy));
     WANTED.signal(Wanted::Settings(*settings));
+    Ok(())
 }
 
 /// Writes settings and reads them back.
@@ -274,6 +309,12 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
         Choice::Nothing => return Err(places[0].err().unwrap_or(BlockError::Absent)),
     };
     let parameters = fitting(&kept(BLOCKS[nth].1)?, sample_rate_hz)?;
+    // The other place holds what somebody meant to be in force: `BLK?` says why it is not.
+    if let Err(error) = places[nth ^ 1]
+        && error != BlockError::Absent
+    {
+        BROUGHT.lock(|brought| brought.set(Brought::Refused(error.reason())));
+    }
     if let Ok((kept, generation)) = places[nth] {
         IN_USE.store(nth as u8, Ordering::Relaxed);
         GENERATION.store(generation, Ordering::Relaxed);
@@ -341,10 +382,25 @@ pub fn take(piece: &BlockPiece) -> Result<(), &'static str> {
         .map_err(|_| "larger than any block")
 }
 
+/// Whether something may be written to the flash: at rest, and nothing else is being written.
+fn may_write() -> Result<(), &'static str> {
+    if !control::drive_rests() {
+        Err("only at rest")
+    } else if is_keeping() {
+        Err(BUSY)
+    } else if update::is_under_way() {
+        Err("an image is coming or on trial")
+    } else {
+        Ok(())
+    }
+}
+
 /// Lets [`keeper`] verify what came and keep it.
-pub fn keep() {
+pub fn keep() -> Result<(), &'static str> {
+    may_write()?;
     BROUGHT.lock(|brought| brought.set(Brought::Busy));
     WANTED.signal(Wanted::Keep);
+    Ok(())
 }
 
 /// Lets [`keeper`] verify what came and put it in the place of the running block, in memory only.
@@ -355,8 +411,9 @@ pub fn swap() {
 
 /// Lets [`keeper`] verify that what came is a safety envelope with this checksum, and keep it.
 pub fn keep_envelope(fingerprint: u32) -> Result<(), &'static str> {
-    if !control::drive_rests() || control::powered() {
-        return Err("only at rest, with the power stage off");
+    may_write()?;
+    if control::powered() {
+        return Err("only with the power stage off");
     }
     BROUGHT.lock(|brought| brought.set(Brought::Busy));
     WANTED.signal(Wanted::Envelope(fingerprint));
@@ -409,17 +466,31 @@ impl Upload {
         fitting(&self.bytes, sample_rate_hz).map_err(BlockError::reason)
     }
 
-    /// Verifies what came and lets it take the place of the running block.
+    /// Verifies what came and offers it for the place of the running block; what its loop bears, and the
+    /// filter that it has to.
+    #[inline(never)]
+    fn offer(&self, sample_rate_hz: u32) -> Result<(LoopMargin, FilterSetting), &'static str> {
+        let block = self.verified(sample_rate_hz)?;
+        let (_, filter) = LOOP.lock(Cell::get).ok_or(NO_MARGIN)?;
+        let margin = block.loop_margin();
+        margin.bears(&filter)?;
+        control::offer(&block);
+        Ok((margin, filter))
+    }
+
+    /// Lets what came take the place of the running block.
     async fn swap(&self, sample_rate_hz: u32) -> Result<(), &'static str> {
-        control::offer(&self.verified(sample_rate_hz)?);
+        let bears = self.offer(sample_rate_hz)?;
         control::swapped().await?;
+        LOOP.lock(|place| place.set(Some(bears)));
         SWAPPED.store(fingerprint(&self.bytes).unwrap_or(0), Ordering::Relaxed);
         Ok(())
     }
 
     /// Verifies what came and keeps it; returns the name of its place.
     async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
-        let parameters = self.verified(sample_rate_hz)?;
+        // The block itself is not held while it is written: what a task holds is static.
+        self.verified(sample_rate_hz).map(drop)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
         let newest = NEWEST.load(Ordering::Relaxed);
         let ((name, address), (_, other)) = if in_use == 0 {
@@ -435,7 +506,7 @@ impl Upload {
         )
         .map_err(BlockError::reason)?;
         Board::write_sector(address, &self.bytes).await?;
-        if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) != Ok(parameters) {
+        if !kept(address).is_ok_and(|bytes| bytes.starts_with(&self.bytes)) {
             return Err("what was written does not read back");
         }
         // Only now: until here the other one is in force.
@@ -475,6 +546,7 @@ pub fn safe_parameters(
     bits: CodeBits,
 ) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
+    use hysteron_core::loop_margin::LoopBands;
     use hysteron_core::parameter_block::PhysicalDescription;
     use hysteron_core::sensor_lag::SensorLag;
     use hysteron_core::servo_parameters::{
@@ -523,5 +595,6 @@ pub fn safe_parameters(
             // 0.1 s, then a fault of the last run can be cleared; that there is no block cannot.
             healthy_ticks: (sample_rate_hz / 10) as u16,
         },
+        loop_bands: LoopBands::OPEN,
     }
 }

@@ -3,8 +3,12 @@
 //! The stack is painted at start and looked at on request. At its end stands a guard, a piece of memory that
 //! the memory protection unit lets nobody write: an overflow is a hard fault before it has changed anything.
 //! The hard fault's handler runs without the unit (HFNMIENA is clear) and has the guard itself for its frame.
+//! The same unit keeps the processor from executing, and from fetching ahead, what stands in the bank of the
+//! flash that is written while the program runs.
 
 use cortex_m::peripheral::MPU;
+
+use crate::board::{Board, Platform};
 
 const PAINT: u32 = 0xA5A5_5A5A;
 
@@ -23,18 +27,26 @@ fn guard_begin() -> u32 {
 
 /// Puts the guard up.
 pub fn guard(mpu: &mut MPU) {
-    const REGION: u32 = 0;
     /// Read-only for everybody, never executed.
     const READ_ONLY: u32 = 1 << 28 | 0b110 << 24;
+    /// Device memory that everybody reads and writes, never executed.
+    const DATA: u32 = 1 << 28 | 0b011 << 24 | 1 << 16;
     /// The map without regions stays what it is, and handlers of hard faults see only that.
     const BACKGROUND: u32 = 1 << 2;
     cortex_m::asm::dmb();
-    // SAFETY: only takes the right to write from memory that nothing may ever use.
+    // SAFETY: only takes the right to write from memory that nothing may ever use, and the right to execute
+    // from memory that holds no code.
     unsafe {
-        mpu.rnr.write(REGION);
-        mpu.rbar.write(guard_begin());
-        mpu.rasr
-            .write(READ_ONLY | (GUARD_BYTES.trailing_zeros() - 1) << 1 | 1);
+        let (data, data_bytes) = Board::DATA_BANK;
+        for (region, base, bytes, attributes) in [
+            (0, guard_begin(), GUARD_BYTES, READ_ONLY),
+            (1, data, data_bytes, DATA),
+        ] {
+            mpu.rnr.write(region);
+            mpu.rbar.write(base);
+            mpu.rasr
+                .write(attributes | (bytes.trailing_zeros() - 1) << 1 | 1);
+        }
         mpu.ctrl.write(BACKGROUND | 1);
     }
     cortex_m::asm::dsb();

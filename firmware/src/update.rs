@@ -139,6 +139,12 @@ pub fn is_busy() -> bool {
     matches!(state(), UpdateState::Erasing | UpdateState::Verifying)
 }
 
+/// Whether an image is coming or on trial: nothing else is written meanwhile, so that the one which a start
+/// installs and what was kept for it belong together.
+pub fn is_under_way() -> bool {
+    is_busy() || is_on_trial() || matches!(state(), UpdateState::Receiving { .. })
+}
+
 /// The flash is idle, and nobody uses the amplifier.
 fn allowed() -> Result<(), UpdateRefusal> {
     if control::powered() || !control::drive_rests() {

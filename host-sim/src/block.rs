@@ -123,6 +123,17 @@ pub struct Play {
     pub weight: f64,
 }
 
+/// A play operator without a sharp edge, in units of the drive range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SwitchingPlay {
+    /// Where it stands before the rest in front of a record.
+    pub begins: f64,
+    /// Width of its edge.
+    pub width: f64,
+    /// What its position `z` gives, in powers of `2 z - 1`, um.
+    pub weights: Vec<f64>,
+}
+
 /// What a stage computes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
@@ -222,6 +233,29 @@ pub enum Block {
         lower: f64,
         /// Range of the drive, V.
         span: f64,
+    },
+    /// Thermally activated play operators of `X = (x - lower) / span`, beside powers of `2 X - 1`.
+    Switching {
+        /// The part without memory, in powers of `2 X - 1`, um.
+        reversible: Vec<f64>,
+        /// The operators.
+        plays: Vec<SwitchingPlay>,
+        /// Over an interval: share of the distance that is lost where it is small, two less that, and the
+        /// distance in widths below which a play stands still.
+        interval: [f64; 3],
+        /// The same over the rest before a record, less one interval.
+        rested: [f64; 3],
+        /// Lower limit of the drive, V.
+        lower: f64,
+        /// Range of the drive, V.
+        span: f64,
+    },
+    /// `y = x (1 + per_um m)`, where `m` follows `x` by `m = x + decay (m - x)`.
+    BiasedGain {
+        /// 1/um.
+        per_um: f64,
+        /// Share of the distance that an interval keeps.
+        decay: f64,
     },
     /// A gap: `y` follows `x` within half of it.
     Gap {

@@ -6,7 +6,7 @@
 //! `else`, `while` and `for i < count`; indices count from zero; `force` is the measured force. All names that
 //! are neither numbers nor states hold within a step.
 
-use crate::block::{Block, Linear, PAIRS, Play, Rate};
+use crate::block::{Block, Linear, PAIRS, Play, Rate, SwitchingPlay};
 
 /// A number that a law knows by name.
 #[derive(Clone, Debug, PartialEq)]
@@ -167,6 +167,38 @@ else
   held = held + elastic * change
 last = v
 y = held
+";
+
+const SWITCHING: &str = "v = (x - lower) / span
+t = 2 * v - 1
+y = 0
+for i < reversible
+  y = y * t + powers[reversible - 1 - i]
+for i < plays
+  away = v - stands[i]
+  if abs(away) >= still * widths[i]
+    q = exp(-abs(away) / widths[i])
+    keeps = max(log((kept + q * lost) / (lost + q * kept)), 0) * widths[i]
+    if away < 0
+      keeps = -keeps
+    stands[i] = v - keeps
+  t = 2 * stands[i] - 1
+  given = 0
+  for j < levels
+    given = given * t + weights[i * levels + levels - 1 - j]
+  y = y + given
+";
+
+const SWITCHING_BEGINS: &str = "v = (x - lower) / span
+for i < plays
+  stands[i] = begins[i]
+  away = v - stands[i]
+  if abs(away) >= rested_still * widths[i]
+    q = exp(-abs(away) / widths[i])
+    keeps = max(log((rested_kept + q * rested_lost) / (rested_lost + q * rested_kept)), 0) * widths[i]
+    if away < 0
+      keeps = -keeps
+    stands[i] = v - keeps
 ";
 
 const DRIFT: &str = "n = n + 1
@@ -352,6 +384,21 @@ impl Block {
                 .value("span", *span)
                 .state("held", None)
                 .state("last", None),
+            Self::Switching {
+                reversible,
+                plays,
+                interval,
+                rested,
+                lower,
+                span,
+            } => law_of_switching(reversible, plays, [*interval, *rested], [*lower, *span]),
+            Self::BiasedGain { per_um, decay } => {
+                Law::of("mean = x + decay * (mean - x)\ny = x * (1 + per_um * mean)\n")
+                    .value("per_um", *per_um)
+                    .value("decay", *decay)
+                    .state("mean", None)
+                    .begins("mean = x\n")
+            }
             Self::Gap { half } => {
                 Law::of("stands = min(max(stands, x - half), x + half)\ny = stands\n")
                     .value("half", *half)
@@ -422,6 +469,36 @@ fn law_of_linear(linear: &Linear) -> Law {
     }
     step += "last = now\n";
     Law { begin, step, ..law }
+}
+
+fn law_of_switching(
+    reversible: &[f64],
+    plays: &[SwitchingPlay],
+    [interval, rested]: [[f64; 3]; 2],
+    [lower, span]: [f64; 2],
+) -> Law {
+    let each = |of: fn(&SwitchingPlay) -> f64| plays.iter().map(of).collect::<Vec<f64>>();
+    Law::of(SWITCHING)
+        .value("lower", lower)
+        .value("span", span)
+        .count("reversible", reversible.len())
+        .list("powers", reversible.to_vec())
+        .count("plays", plays.len())
+        .count("levels", plays.first().map_or(0, |play| play.weights.len()))
+        .list("begins", each(|play| play.begins))
+        .list("widths", each(|play| play.width))
+        .list(
+            "weights",
+            plays.iter().flat_map(|play| play.weights.clone()).collect(),
+        )
+        .value("lost", interval[0])
+        .value("kept", interval[1])
+        .value("still", interval[2])
+        .value("rested_lost", rested[0])
+        .value("rested_kept", rested[1])
+        .value("rested_still", rested[2])
+        .state("stands", Some(plays.len()))
+        .begins(SWITCHING_BEGINS)
 }
 
 fn law_of_loops(

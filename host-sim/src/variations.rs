@@ -12,8 +12,7 @@
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
 use crate::chain::{Drive, InitialState, Model, ends};
-use crate::effect::hysteresis::{self, CoefficientWalker};
-use crate::physics::{LinearLanes, SharedPart, Stage};
+use crate::physics::{ByCoefficient, LinearLanes, SharedPart, Stage};
 
 /// Samples in a chunk.
 const CHUNK: usize = 2048;
@@ -85,7 +84,7 @@ impl Sampled {
 struct CoefficientLanes<'a> {
     stage: usize,
     lanes: usize,
-    walker: CoefficientWalker,
+    walker: Box<dyn ByCoefficient>,
     behind: Vec<(bool, Passing<'a>)>,
     walker_is_fine: bool,
     last: Vec<f64>,
@@ -129,7 +128,11 @@ struct Beside<'a> {
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     let drive = Drive::held(&[], 1.0, InitialState::Unknown);
     let setting = model.setting(&drive, 1);
-    CoefficientWalker::from_model(model, &setting).map_or_else(Vec::new, |w| {
+    let walker = model
+        .effects
+        .iter()
+        .find_map(|e| e.by_coefficient(model, &setting));
+    walker.map_or_else(Vec::new, |w| {
         w.coefficients()
             .into_iter()
             .map(|(id, parameter)| (id.to_owned(), parameter))
@@ -351,18 +354,20 @@ fn lanes_of<'a>(
     stages: &[OwnStage<'a>],
     at_rest: &[f64],
 ) -> Option<CoefficientLanes<'a>> {
-    let stage = stages.iter().position(|own| own.id == hysteresis::ID)?;
     let without_signals = Drive {
         drive_v: &[],
         force_n: None,
         auxiliary: &[],
         ..*drive
     };
-    let setting = model.setting(
-        &without_signals,
-        if stages[stage].fine { substeps } else { 1 },
-    );
-    let mut walker = CoefficientWalker::from_model(model, &setting)?;
+    let walker_of = |own: &OwnStage| {
+        let setting = model.setting(&without_signals, if own.fine { substeps } else { 1 });
+        model.effects[own.effect].by_coefficient(model, &setting)
+    };
+    let (stage, mut walker) = stages
+        .iter()
+        .enumerate()
+        .find_map(|(i, own)| Some((i, walker_of(own)?)))?;
     let lanes = walker.coefficients().len();
     let mut row = vec![0.0; lanes];
     walker.settle(at_rest[stage], &mut row);

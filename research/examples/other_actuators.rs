@@ -9,7 +9,7 @@ use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
-use hysteron_research::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
+use hysteron_research::other_actuators::{KINDS, claims_of_ceramics, recorded};
 use std::time::Instant;
 
 fn main() {
@@ -31,13 +31,7 @@ fn main() {
             )
             .expect("it can be explained");
             let claims = matches!(found.diagnosis.verdict, Verdict::Named | Verdict::Ambiguous);
-            let allowed = |id: &str| !OF_CERAMICS.contains(&id) || imitated(kind).contains(&id);
-            let of_ceramics = claims
-                && found
-                    .diagnosis
-                    .findings
-                    .iter()
-                    .any(|f| f.effects.iter().all(|id| !allowed(id)));
+            let of_ceramics = claims && !claims_of_ceramics(kind, &found.diagnosis).is_empty();
             wrong += usize::from(of_ceramics);
             let (first, last) = (&found.steps[0].judged, found.last());
             println!(

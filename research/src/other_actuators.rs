@@ -15,6 +15,7 @@
 //!   as a second lag of the field.
 
 use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::outcome::{Diagnosis, Finding};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
@@ -76,6 +77,16 @@ pub fn imitated(kind: ActuatorKind) -> &'static [&'static str] {
     } else {
         &[]
     }
+}
+
+/// The findings by which a diagnosis of a kind claims an effect of ceramics: all that they leave open are
+/// such. An "or" with a structure of loops, or a lag, that other actuators have too claims none.
+#[must_use]
+pub fn claims_of_ceramics(kind: ActuatorKind, diagnosis: &Diagnosis) -> Vec<&Finding> {
+    let is_of_ceramics =
+        |id: &String| OF_CERAMICS.contains(&id.as_str()) && !imitated(kind).contains(&id.as_str());
+    let claims = |f: &&Finding| !f.effects.is_empty() && f.effects.iter().all(is_of_ceramics);
+    diagnosis.findings.iter().filter(claims).collect()
 }
 
 type State = [f64; 4];

@@ -9,8 +9,8 @@ use crate::virtual_environment::{fresh, install, kept};
 use crate::workspace::{AS_TESTED, built, cargo, command, emptied, root};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
-/// formats that are read, and the cluster of the example, and what runs a notebook.
-const TOOLS: [&str; 12] = [
+/// formats that are read, and the cluster of a survey, and what runs a notebook.
+const TOOLS: [&str; 11] = [
     "maturin",
     "mypy",
     "numpy",
@@ -18,7 +18,6 @@ const TOOLS: [&str; 12] = [
     "h5py",
     "npTDMS",
     "pyarrow",
-    "pandas",
     "openpyxl",
     "dask[distributed]",
     "nbclient",
@@ -116,7 +115,7 @@ pub fn test() -> Result<(), String> {
             "-m",
             "unittest",
             "--quiet",
-            "lab/python/tests/test_fleet.py",
+            "lab/python/tests/test_survey.py",
         ],
         &root(),
         &[],

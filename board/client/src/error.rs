@@ -63,6 +63,9 @@ pub fn meaning(code: u32) -> String {
         4002 => "this board cannot be updated over the line",
         4003 => "bytes were lost on the line, and with them a command: give it again",
         4004 => "a larger step than is allowed without `FAR` behind it",
+        4005 => {
+            "the loop of the block has no margin for this filter of the sensor: a higher frequency, a narrower notch, or a slower design"
+        }
         4006 => "nothing has tried the stage since the start or the last fault: `ARM 1 1`",
         504 => "a fault is latched: the tracking error was too large",
         _ => "the board refused it",

@@ -75,6 +75,8 @@ pub struct World {
     written_code: DriveCode,
     /// The drive's output is clamped to ground, which is this code.
     clamped: bool,
+    /// The drive's register is two's complement, as it is behind its reset.
+    twos_complement: bool,
     ground_code: DriveCode,
     /// No edge has come since the last reset.
     waiting_for_beat: bool,
@@ -155,6 +157,7 @@ impl World {
             acting_code: rest,
             written_code: rest,
             clamped: false,
+            twos_complement: false,
             ground_code: ConverterScale {
                 drive_min_v: f64::NEG_INFINITY,
                 drive_max_v: f64::INFINITY,
@@ -198,11 +201,7 @@ impl World {
         if self.converter_brown_outs.contains(&self.edges) {
             (self.clamped, self.written_code) = (true, DriveCode::default());
         }
-        let next = if self.clamped {
-            self.ground_code
-        } else {
-            self.written_code
-        };
+        let next = self.output_code();
         let acted = std::mem::replace(&mut self.acting_code, next);
         let honest = if self.wire {
             self.over_the_wire(acted)
@@ -230,6 +229,16 @@ impl World {
         }
         self.edges += 1;
         code
+    }
+
+    /// What the register gives: ground while it is clamped.
+    fn output_code(&self) -> DriveCode {
+        let sign = 1 << (self.scale.dac_bits - 1);
+        match (self.clamped, self.twos_complement) {
+            (true, _) => self.ground_code,
+            (false, true) => DriveCode::new(self.written_code.steps() ^ sign),
+            (false, false) => self.written_code,
+        }
     }
 
     /// Gain of the amplifier over the right one.
@@ -266,6 +275,7 @@ impl World {
         self.pass_edges(now_ns);
         (self.clamped, self.written_code, self.waiting_for_beat) =
             (true, DriveCode::default(), true);
+        self.twos_complement = true;
         self.acting_code = self.ground_code;
     }
 
@@ -305,19 +315,18 @@ impl World {
                 self.written_code =
                     DriveCode::new((word & 0xF_FFFF) >> (MOST_BITS - self.scale.dac_bits))
             }
-            // Output on ground, or three-state: bits 2 and 3.
-            2 => self.clamped = word & 0b1100 != 0,
+            // Output on ground, or three-state: bits 2 and 3. Bit 4: what the register holds means.
+            2 => {
+                self.clamped = word & 0b1100 != 0;
+                self.twos_complement = word & 1 << 4 == 0;
+            }
             _ => return given,
         }
         let by_hand = self
             .last_read_ns
             .is_none_or(|last| now_ns.saturating_sub(last) >= by_hand_ns(self.period_ns));
         if self.waiting_for_beat || by_hand {
-            self.acting_code = if self.clamped {
-                self.ground_code
-            } else {
-                self.written_code
-            };
+            self.acting_code = self.output_code();
             // What has acted in between is seen at the next edge, however short it was.
             self.lowest_between_edges = self.lowest_between_edges.min(self.acting_code);
         }

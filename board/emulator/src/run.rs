@@ -578,6 +578,39 @@ pub fn halfword_at(image: &[u8], address: u64) -> Option<u16> {
     Some(u16::from_le_bytes(bytes.try_into().ok()?))
 }
 
+/// What the part ignores and nothing depends on, instance and register: the HAL writes PLLCKSELR as a whole
+/// for the PLLs that stay off, PLL1 running, and RTCSEL once more than a part takes it.
+const IGNORED_WRITES: [(&str, &str); 2] = [("RCC", "PLLCKSELR"), ("RCC", "BDCR")];
+/// Interfaces and the CPOL and CPHA that their converters want (SPI_CFG2, bits 25 and 24): the AD4000
+/// family gives its bits behind the falling edge, the AD5791 takes them there.
+const CLOCK_MODES: [(&str, u64); 2] = [("SPI1", 0b00), ("SPI3", 0b01)];
+
+/// What the image did to the part that its manual forbids, or that its converters would not understand.
+fn misuse(session: &mut Session<NucleoBoard>) -> Vec<String> {
+    let mut found: Vec<String> = session
+        .told()
+        .filter(|told| !IGNORED_WRITES.contains(&(told.instance, told.register)))
+        .map(|told| format!("{}.{}: {}", told.instance, told.register, told.reason))
+        .collect();
+    let bus = session.mcu().bus_mut();
+    for (name, mode) in CLOCK_MODES {
+        let Some(slot) = bus.slot_of(name) else {
+            continue;
+        };
+        let registers = bus.slot_mut(slot).registers_mut();
+        let (enabled, set) = (
+            registers.get(spi1::Register::Cr1) & 1 == 1,
+            registers.get(spi1::Register::Cfg2) >> 24 & 0b11,
+        );
+        if enabled && set != mode {
+            found.push(format!(
+                "{name}: clock mode {set:02b} instead of {mode:02b}"
+            ));
+        }
+    }
+    found
+}
+
 /// A run that can begin.
 pub(crate) struct Prepared {
     pub(crate) session: Session<NucleoBoard>,
@@ -695,6 +728,10 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         .values()
         .map(|seen| format!("{}.{}", seen.instance, seen.register))
         .collect();
+    let misused = misuse(&mut finished.session);
+    if !misused.is_empty() {
+        bail!("the image misuses the part: {}", misused.join("; "));
+    }
     let beyond_flash = |address: u64| (BEYOND_FLASH..BEYOND_FLASH + 32).contains(&address);
     let unmapped = finished.session.unmapped();
     let unmapped: Vec<String> = unmapped

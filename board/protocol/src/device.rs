@@ -3,6 +3,7 @@
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::firmware_update::ImageHeader;
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
@@ -23,6 +24,8 @@ pub struct View {
     pub adc_code: SensorCode,
     /// The drive's code.
     pub dac_code: DriveCode,
+    /// What the amplifier's voltage monitor reads, of 65,536; `None` without one, or if it did not answer.
+    pub monitor_code: Option<u16>,
     /// The reference, um with 24 fraction bits.
     pub reference: i32,
     /// Position at the sensor's code 0 as it was found last, um with 24 fraction bits.
@@ -250,6 +253,12 @@ pub trait Device {
     fn commit_update(&mut self, _checksum: u32) -> Result<bool, UpdateRefusal> {
         Err(UpdateRefusal::Unsupported)
     }
+
+    /// The filter of the sensor is to be this from now on. A block that is swapped in must bear it as well.
+    ///
+    /// # Errors
+    /// The loop has no margin for it ([`hysteron_core::loop_margin`]), or another block is being verified.
+    fn take_sensor_filter(&mut self, filter: &FilterSetting) -> Result<(), &'static str>;
 
     /// For how many ticks no line may come while the drive is live; 0: for ever.
     fn host_timeout(&self) -> u32;

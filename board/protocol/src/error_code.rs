@@ -83,6 +83,8 @@ pub enum ErrorCode {
     LostBytes = 4003,
     /// A step is larger than the operator allows without `FAR`. This target's.
     StepTooLarge = 4004,
+    /// The loop of the block in use has no margin left for the filter. This target's.
+    NoMargin = 4005,
     /// Neither a self-test nor a conditioning has shown that the stage is the model's. This target's.
     NotTested = 4006,
 }

@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicI32;
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
@@ -36,6 +37,7 @@ struct Rig {
     sensor_is_there: bool,
     block: Vec<u8>,
     brought: Brought,
+    monitor_code: Option<u16>,
     restarts: u32,
     baud: u32,
     host_timeout: u32,
@@ -91,6 +93,7 @@ impl Device for Shared {
             fault: rig.amplifier.fault(),
             adc_code: rig.latest.adc_code,
             dac_code: rig.latest.dac_code,
+            monitor_code: rig.monitor_code,
             reference: rig.latest.reference,
             adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
@@ -128,6 +131,14 @@ impl Device for Shared {
     }
     fn record_from_command(&mut self, every_ticks: u32) {
         self.record(every_ticks);
+    }
+    fn take_sensor_filter(&mut self, filter: &FilterSetting) -> Result<(), &'static str> {
+        self.0
+            .borrow()
+            .amplifier
+            .parameters()
+            .loop_margin()
+            .bears(filter)
     }
     fn begin_block(&mut self, bytes: u32) -> Result<(), &'static str> {
         self.0.borrow_mut().block.clear();
@@ -275,6 +286,7 @@ impl Table {
             samples: Vec::new(),
             sensor_is_there: true,
             block: Vec::new(),
+            monitor_code: None,
             brought: Brought::Nothing,
             restarts: 0,
             baud: 115_200,
@@ -1166,6 +1178,18 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
 }
 
 #[test]
+fn codes_of_both_converters_are_read_by_their_channel() {
+    let mut table = Table::new();
+    table.run(10);
+    let code = table.rig.0.borrow().latest.adc_code.steps();
+    assert_eq!(table.ask("TAD? 1"), format!("1={code}\n"));
+    table.tell("TAD? 2", 15);
+    table.rig.0.borrow_mut().monitor_code = Some(7_281);
+    assert_eq!(table.ask("TAD? 2"), "2=7281\n");
+    table.tell("TAD? 3", 15);
+}
+
+#[test]
 fn filters_are_tuned_while_the_axis_moves_without_a_step() {
     let mut table = Table::ready();
     table.tell("VEL 1 100", 0);
@@ -1183,7 +1207,7 @@ fn filters_are_tuned_while_the_axis_moves_without_a_step() {
     let before = largest_step(&table, 100);
     for line in [
         "SPA 1 0x7F000020 735 1 0x7F000021 40 1 0x7F000024 3000",
-        "SPA 1 0x7F000030 2500",
+        "SPA 1 0x7F000030 4000",
         "SPA 1 0x7F000022 900",
         "SPA 1 0x7F000020 0 1 0x7F000030 0",
     ] {
@@ -1210,6 +1234,9 @@ fn filters_are_tuned_while_the_axis_moves_without_a_step() {
     table.tell("SPA 1 0x7F000022 500 1 0x7F000034 9", 17);
     table.tell("SPA 1 0x7F000034 9500", 17);
     table.tell("SPA 1 0x7F000034 -100", 17);
+    // Nor does a line of which the loop has no margin for a part.
+    table.tell("SPA 1 0x7F000022 500 1 0x7F000034 200", 4005);
+    table.tell("SPA 1 0x7F000030 300 1 0x7F000031 300", 4005);
     assert_eq!(table.value("SPA? 1 0x7F000022"), 900.0);
 }
 
@@ -1223,7 +1250,7 @@ fn settings_are_kept_at_rest_and_come_back() {
         "SPA 1 0x07000900 0.05",
         "SPA 1 0x7F000006 2",
         "SPA 1 0x7F000007 735",
-        "SPA 1 0x7F000030 735 1 0x7F000034 4000",
+        "SPA 1 0x7F000030 4000 1 0x7F000034 9000",
     ] {
         table.tell(line, 0);
     }
@@ -1253,7 +1280,7 @@ fn settings_are_kept_at_rest_and_come_back() {
     };
     assert_eq!(
         again(parameters().physical.name),
-        [250.0, 0.05, 2.0, 735.0, 735.0, 4000.0]
+        [250.0, 0.05, 2.0, 735.0, 4000.0, 9000.0]
     );
     // Another stage begins as a new one: ten times its span in a second, a thousandth of it.
     assert_eq!(again([b'x'; 16]), [150.0, 0.015, 0.0, 0.0, 0.0, 0.0]);

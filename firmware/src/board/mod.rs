@@ -79,6 +79,9 @@ pub trait Platform {
     /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank
     /// that no code is in.
     const BLOCKS: [(&'static str, u32); 2];
+    /// Address and length of the bank of the flash that is written while the program runs; no code of the
+    /// image is in it.
+    const DATA_BANK: (u32, u32);
     /// The sector of the settings that the operator keeps.
     const KEPT_SETTINGS: u32;
     /// The sector of the safety envelope.

@@ -7,6 +7,7 @@
 //! and go on after the drive has stopped. What the positions of all thresholds give is a density over
 //! threshold and position, the Preisach model of play operators. One number, `k`, stands beside it.
 
+use crate::block::{Block, SwitchingPlay};
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -23,6 +24,8 @@ const SIZES: usize = 5;
 const LEVELS: usize = 5;
 /// Powers of the part that has no memory.
 const REVERSIBLE: usize = 3;
+/// Parameters in front of the coefficients.
+const SHAPE: usize = 2;
 /// Time between two attempts over a barrier, s. Another one scales all thresholds.
 const ATTEMPT_S: f64 = 1e-4;
 /// How long a stage at rest has rested, s: another decade moves the positions by a share `k` of 2.3.
@@ -52,6 +55,11 @@ impl Interval {
             kept: 2.0 - lost,
             still: (STILL / lost.max(f64::MIN_POSITIVE)).ln(),
         }
+    }
+
+    /// What is lost, what is kept and where a play stands still.
+    fn shares(&self) -> [f64; 3] {
+        [self.lost, self.kept, self.still]
     }
 
     /// Where a play of the width `k r` goes that stands at `z`, for a constant input: with `q = exp(-|x - z|
@@ -84,6 +92,8 @@ struct Plays {
     plays: Vec<Play>,
     interval: Interval,
     rested: Interval,
+    /// An export begins with one interval less of rest, and steps once.
+    rested_before_a_step: Interval,
     activation: f64,
     memory: f64,
     range: DriveRange,
@@ -108,6 +118,7 @@ impl Plays {
             plays: (0..PLAYS).map(play).collect(),
             interval: Interval::new(activation, dt_s),
             rested: Interval::new(activation, RESTED_S),
+            rested_before_a_step: Interval::new(activation, RESTED_S - dt_s),
             activation,
             memory,
             range: model.drive_range(),
@@ -147,6 +158,42 @@ fn legendre<const N: usize>(x: f64) -> [f64; N] {
     out
 }
 
+/// Polynomials of the position that a density weighs: the constant one moves nothing.
+fn by_level(position: f64) -> [f64; LEVELS] {
+    let all = legendre::<{ LEVELS + 1 }>(2.0 * position - 1.0);
+    std::array::from_fn(|level| all[level + 1])
+}
+
+/// Polynomials of the drive in the part without memory.
+fn of_drive(x: f64) -> [f64; REVERSIBLE] {
+    let all = legendre::<{ REVERSIBLE + 1 }>(2.0 * x - 1.0);
+    std::array::from_fn(|power| all[power + 1])
+}
+
+/// A sum of Legendre polynomials from the first on, of `2 x - 1`, in powers of that.
+fn powers(weights: &[f64]) -> Vec<f64> {
+    // Of each polynomial its powers, by the recursion of `legendre`.
+    let (mut previous, mut present) = (vec![1.0], vec![0.0, 1.0]);
+    let mut out = vec![0.0; weights.len() + 1];
+    for (n, weight) in (1..).zip(weights) {
+        out.iter_mut()
+            .zip(&present)
+            .for_each(|(out, power)| *out += weight * power);
+        let degree = f64::from(n);
+        let mut next = vec![0.0; present.len() + 1];
+        next[1..]
+            .iter_mut()
+            .zip(&present)
+            .for_each(|(next, power)| *next = (2.0 * degree + 1.0) * power);
+        next.iter_mut()
+            .zip(&previous)
+            .for_each(|(next, power)| *next -= degree * power);
+        next.iter_mut().for_each(|next| *next /= degree + 1.0);
+        (previous, present) = (present, next);
+    }
+    out
+}
+
 #[derive(Clone)]
 struct SwitchingStage {
     plays: Plays,
@@ -161,8 +208,8 @@ impl SwitchingStage {
     fn new(from: &Build) -> Self {
         let values = from.values;
         let plays = Plays::new(from.model, values[0], values[1], from.setting.dt_s);
-        let value = |i: usize| values.get(i + 2).copied().unwrap_or(0.0);
-        let by_level = |play: &Play| -> [f64; LEVELS] {
+        let value = |i: usize| values.get(SHAPE + i).copied().unwrap_or(0.0);
+        let weights = |play: &Play| -> [f64; LEVELS] {
             std::array::from_fn(|level| {
                 let size = |i: usize| play.sizes[i] * value(REVERSIBLE + i * LEVELS + level);
                 (0..SIZES).map(size).sum()
@@ -170,7 +217,7 @@ impl SwitchingStage {
         };
         Self {
             kept: None,
-            switching: plays.plays.iter().map(by_level).collect(),
+            switching: plays.plays.iter().map(weights).collect(),
             reversible: std::array::from_fn(value),
             plays,
         }
@@ -181,12 +228,9 @@ impl SwitchingStage {
             weights.iter().zip(values).map(|(w, v)| w * v).sum()
         };
         let x = self.plays.range.share(drive_v);
-        let of_drive = legendre::<{ REVERSIBLE + 1 }>(2.0 * x - 1.0);
-        let switched = |(position, weights): (f64, &[f64; LEVELS])| {
-            let by_level = legendre::<{ LEVELS + 1 }>(2.0 * position - 1.0);
-            sum(weights, &by_level[1..])
-        };
-        sum(&self.reversible, &of_drive[1..])
+        let switched =
+            |(position, weights): (f64, &[f64; LEVELS])| sum(weights, &by_level(position));
+        sum(&self.reversible, &of_drive(x))
             + positions.zip(&self.switching).map(switched).sum::<f64>()
     }
 }
@@ -218,6 +262,22 @@ impl Stage for SwitchingStage {
     fn shared(&mut self) -> Option<&mut dyn SharedPart> {
         Some(self)
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let plays = &self.plays;
+        let play = |(play, weights): (&Play, &[f64; LEVELS])| SwitchingPlay {
+            begins: plays.memory * play.threshold,
+            width: play.width,
+            weights: powers(weights),
+        };
+        Some(vec![Block::Switching {
+            reversible: powers(&self.reversible),
+            plays: plays.plays.iter().zip(&self.switching).map(play).collect(),
+            interval: plays.interval.shares(),
+            rested: plays.rested_before_a_step.shares(),
+            lower: plays.range.lower_v,
+            span: plays.range.span_v,
+        }])
+    }
 }
 
 impl SharedPart for SwitchingStage {
@@ -239,6 +299,46 @@ impl SharedPart for SwitchingStage {
 }
 
 impl Loops for SwitchingStage {}
+
+/// The plays, with the contribution of every coefficient apart.
+struct SwitchingCoefficients(Plays);
+
+impl SwitchingCoefficients {
+    fn fill(&self, drive_v: f64, row: &mut [f64]) {
+        let (reversible, switching) = row.split_at_mut(REVERSIBLE);
+        reversible.copy_from_slice(&of_drive(self.0.range.share(drive_v)));
+        switching.fill(0.0);
+        for play in &self.0.plays {
+            let levels = by_level(play.position);
+            for (out, size) in switching.chunks_exact_mut(LEVELS).zip(&play.sizes) {
+                out.iter_mut()
+                    .zip(levels)
+                    .for_each(|(out, level)| *out += size * level);
+            }
+        }
+    }
+}
+
+impl ByCoefficient for SwitchingCoefficients {
+    fn coefficients(&self) -> Vec<(&'static str, usize)> {
+        (0..REVERSIBLE + SIZES * LEVELS)
+            .map(|i| (ID, SHAPE + i))
+            .collect()
+    }
+    fn settle(&mut self, input: f64, row: &mut [f64]) {
+        self.0.settle(input);
+        self.fill(input, row);
+    }
+    fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
+        for (drive_v, row) in inputs
+            .iter()
+            .zip(block.chunks_exact_mut(REVERSIBLE + SIZES * LEVELS))
+        {
+            self.0.step(*drive_v);
+            self.fill(*drive_v, row);
+        }
+    }
+}
 
 impl Effect for ActivatedSwitching {
     fn declaration(&self) -> Declaration {
@@ -286,8 +386,30 @@ Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `
         vec![values]
     }
 
+    fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {
+        let overview = &case.stage.overview;
+        let scale = 0.5 * overview.gain_um_v * overview.drive_range_v();
+        let mut values = self.starts(overview).swap_remove(0);
+        values[0] = 0.015 * case.strength;
+        // Small thresholds carry most of the switching.
+        values[SHAPE] = case.about(0.6 * scale);
+        values[SHAPE + REVERSIBLE] = case.about(scale);
+        values[SHAPE + REVERSIBLE + LEVELS] = -case.about(scale);
+        Some(values)
+    }
+
     fn loops(&self, from: &Build) -> Option<Box<dyn Loops>> {
         Some(Box::new(SwitchingStage::new(from)))
+    }
+
+    fn by_coefficient(&self, from: &Build) -> Option<Box<dyn ByCoefficient>> {
+        let plays = Plays::new(
+            from.model,
+            from.values[0],
+            from.values[1],
+            from.setting.dt_s,
+        );
+        Some(Box::new(SwitchingCoefficients(plays)))
     }
 }
 
@@ -330,6 +452,39 @@ mod tests {
             let twice = half.follow(half.follow(0.0, x, width), x, width);
             let once = Interval::new(activation, length_s).follow(0.0, x, width);
             prop_assert!((twice - once).abs() < 1e-9 * width, "{twice} {once}");
+        }
+    }
+
+    /// Weighted with the coefficients, the contributions are the output.
+    #[test]
+    fn the_contributions_add_up_to_the_output() {
+        let overview = Overview::without_data(-20.0, 80.0);
+        let mut model = Model::new(-20.0, 80.0);
+        let mut values = vec![0.05, 0.4];
+        values.extend((0..REVERSIBLE + SIZES * LEVELS).map(|i| (1.7 * i as f64).sin()));
+        let effect = std::sync::Arc::new(ActivatedSwitching);
+        model.add(EffectInstance::new(effect, &overview, &values));
+        let setting = Setting::of_held_drive(-20.0, 80.0, 1e-3);
+        let mut stage = model.effects[0].stage(&model, &setting).unwrap();
+        let mut apart = model.effects[0].by_coefficient(&model, &setting).unwrap();
+        let mut row = vec![0.0; apart.coefficients().len()];
+        let sum = |row: &[f64]| {
+            row.iter()
+                .zip(&values[SHAPE..])
+                .map(|(a, b)| a * b)
+                .sum::<f64>()
+        };
+        apart.settle(30.0, &mut row);
+        assert!((sum(&row) - stage.settle(30.0)).abs() < 1e-12);
+        for k in 0..200 {
+            let drive_v = 30.0 + 45.0 * (0.1 * f64::from(k)).sin();
+            apart.run(&[drive_v], &mut row);
+            let whole = stage.step(k as usize, drive_v);
+            assert!(
+                (sum(&row) - whole).abs() < 1e-12,
+                "{k}: {} {whole}",
+                sum(&row)
+            );
         }
     }
 

@@ -3,6 +3,7 @@
 //! Strain is a product of polarisation and field. Around a bias the displacement is linear in the drive with
 //! a coefficient that is proportional to the polarisation, which follows the bias slowly.
 
+use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -25,6 +26,12 @@ impl Stage for BiasStage {
     fn settle(&mut self, input: f64) -> f64 {
         self.mean_um = input;
         input * (1.0 + self.per_um * input)
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::BiasedGain {
+            per_um: self.per_um,
+            decay: self.decay,
+        }])
     }
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PassedOn))

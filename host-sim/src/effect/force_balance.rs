@@ -260,6 +260,9 @@ impl<const N: usize> Transition<N> {
 struct Segment<const N: usize> {
     length_s: f64,
     arrival: Arrival,
+    /// Pieces of the mode without forces, at least one, and how often the mode fills one of them.
+    fewest: f64,
+    filled: f64,
     /// By how often the pieces were halved; made when they are asked for.
     levels: Vec<Option<(usize, Box<Piece<N>>)>>,
 }
@@ -269,7 +272,6 @@ struct Balanced<const N: usize> {
     system: ContinuousSystem,
     /// The state that is read.
     read: usize,
-    natural_frequency_rad_s: f64,
     segments: Vec<Segment<N>>,
     arrival: Arrival,
     dt_s: f64,
@@ -289,10 +291,16 @@ impl<const N: usize> Balanced<N> {
         arrival: Arrival,
         balance: Balance,
     ) -> Self {
-        let segment = |length_s: f64, arrival: Arrival| Segment {
-            length_s,
-            arrival,
-            levels: (0..=HALVINGS_MAX).map(|_| None).collect(),
+        let segment = |length_s: f64, arrival: Arrival| {
+            let pieces = law.natural_frequency_rad_s * length_s / PIECE_RAD;
+            let fewest = pieces.ceil().max(1.0);
+            Segment {
+                length_s,
+                arrival,
+                fewest,
+                filled: pieces / fewest,
+                levels: (0..=HALVINGS_MAX).map(|_| None).collect(),
+            }
         };
         let segments = match arrival {
             Arrival::Late(share) if share > 0.0 => {
@@ -308,7 +316,6 @@ impl<const N: usize> Balanced<N> {
             behind: too_fast.then(|| Transition::over_interval(&system, dt_s, arrival)),
             system,
             read,
-            natural_frequency_rad_s: law.natural_frequency_rad_s,
             segments,
             arrival,
             dt_s,
@@ -327,7 +334,7 @@ impl<const N: usize> Balanced<N> {
             self.held = input - rest_um;
             return self.state[self.read];
         }
-        let swing_um = self.state[0].hypot(self.state[1]);
+        let swing_um = (self.state[0] * self.state[0] + self.state[1] * self.state[1]).sqrt();
         let stiffened = (1.0 + self.balance.stiffening(swing_um)).max(1.0).sqrt();
         for at in 0..self.segments.len() {
             // A late drive steps between the two segments.
@@ -348,7 +355,6 @@ impl<const N: usize> Balanced<N> {
     fn walk(&mut self, at: usize, stiffened: f64, from: f64, to: f64) {
         let Self {
             system,
-            natural_frequency_rad_s,
             segments,
             balance,
             state,
@@ -358,13 +364,13 @@ impl<const N: usize> Balanced<N> {
             ..
         } = self;
         let segment = &mut segments[at];
-        let angle = *natural_frequency_rad_s * segment.length_s;
-        let fewest = (angle / PIECE_RAD).ceil().max(1.0);
-        let halvings = ((stiffened * angle / PIECE_RAD / fewest)
-            .log2()
-            .ceil()
-            .max(0.0) as usize)
-            .min(HALVINGS_MAX);
+        let fewest = segment.fewest;
+        let filled = stiffened * segment.filled;
+        let halvings = if filled <= 1.0 {
+            0
+        } else {
+            (filled.log2().ceil() as usize).min(HALVINGS_MAX)
+        };
         let (count, piece) = &*segment.levels[halvings].get_or_insert_with(|| {
             let count = fewest * f64::from(1_u32 << halvings);
             let piece_s = segment.length_s / count;
@@ -378,7 +384,10 @@ impl<const N: usize> Balanced<N> {
             )
         });
         // Where a glide would come to; a straight way goes on by steps.
-        let left = arrival.left_after(*dt_s);
+        let left = match segment.arrival {
+            Arrival::Gliding(_) => arrival.left_after(*dt_s),
+            _ => 0.0,
+        };
         let half_s = 0.5 * segment.length_s / *count as f64;
         let along = |half: usize| match segment.arrival {
             Arrival::Late(_) => to,

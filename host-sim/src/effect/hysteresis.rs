@@ -346,6 +346,13 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
         )))
     }
 
+    fn by_coefficient(&self, from: &Build) -> Option<Box<dyn ByCoefficient>> {
+        Some(Box::new(CoefficientWalker::from_model(
+            from.model,
+            from.setting,
+        )?))
+    }
+
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         let degree = degree_of(count);
         (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
@@ -353,7 +360,7 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
 }
 
 /// Surfaces and play operators walking along the drive, every coefficient apart.
-pub(crate) struct CoefficientWalker {
+struct CoefficientWalker {
     /// Of each effect how many coefficients it has, and how far they stand from one another among its
     /// parameters.
     counts: [(&'static str, usize, usize); 3],
@@ -365,7 +372,7 @@ pub(crate) struct CoefficientWalker {
 impl CoefficientWalker {
     /// Of the hysteresis in `model`; `None` without one, or where the surfaces act through the virgin part of
     /// two-sided hysteresis as well.
-    pub(crate) fn from_model(model: &Model, setting: &Setting) -> Option<Self> {
+    fn from_model(model: &Model, setting: &Setting) -> Option<Self> {
         if model.effect(id::TWO_SIDED).is_some() {
             return None;
         }
@@ -404,25 +411,24 @@ impl CoefficientWalker {
                 .for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
         }
     }
+}
 
-    /// The coefficients: effect and place among its parameters.
-    pub(crate) fn coefficients(&self) -> Vec<(&'static str, usize)> {
+impl ByCoefficient for CoefficientWalker {
+    fn coefficients(&self) -> Vec<(&'static str, usize)> {
         self.counts
             .iter()
             .flat_map(|(id, count, apart)| (0..*count).map(|i| (*id, i * *apart)))
             .collect()
     }
 
-    /// Puts the stage at rest for a constant input and fills the row.
-    pub(crate) fn settle(&mut self, input: f64, row: &mut [f64]) {
+    fn settle(&mut self, input: f64, row: &mut [f64]) {
         self.drive.settle(input);
         self.contributions
             .step(self.drive.normalised(input), &mut self.present);
         row.copy_from_slice(&self.present);
     }
 
-    /// Runs over inputs and fills a row for each.
-    pub(crate) fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
+    fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
         let lanes = self.present.len().max(1);
         for (drive_v, row) in inputs.iter().zip(block.chunks_exact_mut(lanes)) {
             self.next(*drive_v);

@@ -3,7 +3,7 @@
 use super::declaration::{Declaration, Parameter, Place, Scale};
 use super::origin::Identified;
 use super::recording::{LinesAtRest, Overview, Resonance, SimulatedStage};
-use super::stage::{DriveRange, FreeMotion, Loops, RestoringForce, Setting, Stage};
+use super::stage::{ByCoefficient, DriveRange, FreeMotion, Loops, RestoringForce, Setting, Stage};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -27,6 +27,12 @@ pub trait Effect: Send + Sync {
 
     /// The loops of a structure that has an inverse.
     fn loops(&self, _from: &Build) -> Option<Box<dyn Loops>> {
+        None
+    }
+
+    /// What each of its coefficients contributes, where its output is linear in most of its parameters: the
+    /// derivatives by all of them then come of one simulation.
+    fn by_coefficient(&self, _from: &Build) -> Option<Box<dyn ByCoefficient>> {
         None
     }
 
@@ -241,6 +247,20 @@ impl EffectInstance {
     #[must_use]
     pub fn loops(&self, model: &Model, setting: &Setting) -> Option<Box<dyn Loops>> {
         self.effect.loops(&Build {
+            model,
+            values: &self.values(),
+            setting,
+        })
+    }
+
+    /// What each of its coefficients contributes in `model`.
+    #[must_use]
+    pub fn by_coefficient(
+        &self,
+        model: &Model,
+        setting: &Setting,
+    ) -> Option<Box<dyn ByCoefficient>> {
+        self.effect.by_coefficient(&Build {
             model,
             values: &self.values(),
             setting,

@@ -94,6 +94,18 @@ pub trait SharedPart {
     fn run_with(&mut self, signal: &mut [f64], part: &[f64]);
 }
 
+/// What each plain coefficient of a structure of loops contributes to its output, along an input.
+pub trait ByCoefficient: Send {
+    /// The coefficients: effect and place among its parameters.
+    fn coefficients(&self) -> Vec<(&'static str, usize)>;
+
+    /// Puts the stage at rest for a constant input and fills a row, one value for each coefficient.
+    fn settle(&mut self, input: f64, row: &mut [f64]);
+
+    /// Runs over inputs and fills a row for each.
+    fn run(&mut self, inputs: &[f64], block: &mut [f64]);
+}
+
 /// Loops of a structure that can be tried: a stage from drive, V, to force-equivalent displacement, um, whose
 /// copy answers what a drive would give. For [`crate::loop_inverse`].
 pub trait Loops: Stage + BoxedCopy {

@@ -1,9 +1,10 @@
 //! Arguments that several commands share.
 
-use crate::desk::Desk;
+use crate::desk::{Desk, SCREEN};
+use crate::screen;
 use hysteron::watch::{Deadline, Watch};
 use hysteron::{Dataset, Options, Policy, Result, series};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Benches on which chapters 4 to 7 are played.
@@ -20,7 +21,7 @@ pub enum Benches {
 /// Files that a command may write.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Outputs {
-    /// Write every figure as JSON
+    /// Write every figure as JSON; `-` prints it and nothing else
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Write a page to look at, one HTML file that opens offline
@@ -98,7 +99,10 @@ pub struct SensorSaid {
 impl Outputs {
     /// Takes the files as targets.
     pub fn check(&self, desk: &Desk) -> Result<()> {
-        desk.target(self.json.as_deref())?;
+        match self.json.as_deref() {
+            Some(path) if path == Path::new(SCREEN) => screen::hush(),
+            json => desk.target(json)?,
+        }
         desk.target(self.report.as_deref())
     }
 
@@ -107,7 +111,7 @@ impl Outputs {
     pub fn next_drive(&self) -> Option<PathBuf> {
         self.report
             .as_ref()
-            .or(self.json.as_ref())
+            .or(self.json.as_ref().filter(|json| *json != Path::new(SCREEN)))
             .map(|beside| beside.with_extension("next_drive.csv"))
     }
 }

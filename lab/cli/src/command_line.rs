@@ -18,7 +18,7 @@ use crate::read_arguments::ReadArguments;
 use crate::reproduce;
 use crate::{
     add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build,
-    identify, plant, score, screen, simulate, track,
+    identify, plant, score, screen, simulate, survey, track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -38,6 +38,9 @@ use std::process::ExitCode;
     arg_required_else_help = true
 )]
 struct Arguments {
+    /// Print nothing but errors
+    #[arg(long, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -166,7 +169,7 @@ enum Command {
     /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99),
     /// or its linear part as a state space
     #[command(
-        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/reference/effects.md"
+        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\n  hysteron export model.toml --as matlab --inverse --out stage_inverse.m\nEquations: docs/reference/effects.md"
     )]
     Export {
         /// Model file
@@ -181,6 +184,9 @@ enum Command {
         /// [default: as the model's records did]
         #[arg(long, value_name = "STATE|FILE")]
         initial: Option<String>,
+        /// Write the inverse of the loops instead: the drive for a wanted displacement (c and matlab)
+        #[arg(long, conflicts_with = "initial")]
+        inverse: bool,
         /// File to write; its name without the extension is that of the function [default: the model's name]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
@@ -383,6 +389,41 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
+    /// Explain many recordings from the same effects: a row for each, outliers, units that differ
+    #[command(
+        after_help = "Example:\n  hysteron survey recordings --from gain,vibration --report survey.html\nIt goes on where it stopped: known rows stand in --results."
+    )]
+    Survey {
+        /// Folder of recordings: files, and folders with dataset.toml
+        folder: PathBuf,
+        /// Model whose effects all recordings have [default: found from three of them]
+        #[arg(long, value_name = "MODEL", conflicts_with = "from")]
+        model: Option<PathBuf>,
+        /// Effects from which the common ones are found, comma-separated
+        #[arg(long, default_value = "gain")]
+        from: String,
+        /// Processes [default: one for each core]
+        #[arg(long, value_name = "N")]
+        workers: Option<usize>,
+        /// Rows, one a line, written as they come [default: survey.jsonl]
+        #[arg(long, value_name = "FILE")]
+        results: Option<PathBuf>,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// A process of `survey`: reads paths of recordings and writes their rows
+    #[command(
+        hide = true,
+        after_help = "Example:\n  hysteron survey-worker gain,vibration"
+    )]
+    SurveyWorker {
+        /// Effects, comma-separated
+        effects: String,
+        #[command(flatten)]
+        reading: ReadArguments,
+    },
     /// Every effect of the library: its physics, what it does to a reading, what looks like it
     #[command(
         after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md"
@@ -476,6 +517,9 @@ pub fn run() -> ExitCode {
             };
         }
     };
+    if arguments.quiet {
+        screen::hush();
+    }
     #[cfg(feature = "board")]
     if let Command::Board { words } = &arguments.command {
         return board::run(words);
@@ -511,8 +555,8 @@ fn dispatch(command: Command) -> Result<bool> {
             let wanted = simulate::SimulateRequest { model: &model, drive: &drive, initial: initial.as_deref(), rate_hz };
             simulate::simulate(&wanted, &reading, &out, force)
         }
-        Command::Export { model, language, rate_hz, initial, out, force, reading } => {
-            let wanted = export::ExportRequest { model: &model, language: &language, rate_hz, initial: initial.as_deref() };
+        Command::Export { model, language, rate_hz, initial, inverse, out, force, reading } => {
+            let wanted = export::ExportRequest { model: &model, language: &language, rate_hz, initial: initial.as_deref(), inverse };
             export::export(&wanted, &reading, out.as_deref(), force)
         }
         #[cfg(feature = "lab")]
@@ -591,6 +635,11 @@ fn dispatch(command: Command) -> Result<bool> {
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
+        Command::Survey { folder, model, from, workers, results, reading, outputs } => {
+            let wanted = survey::SurveyRequest { folder: &folder, model: model.as_deref(), from: &from, workers, results: results.as_deref() };
+            survey::survey(&wanted, &reading, &outputs)
+        }
+        Command::SurveyWorker { effects, reading } => survey::work(&effects, &reading),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

@@ -22,6 +22,9 @@ pub struct Desk {
     force: bool,
 }
 
+/// As the file of `--json`: the figures go to the screen, and nothing else does.
+pub const SCREEN: &str = "-";
+
 /// The same file has the same name here, however it was called.
 fn canonical(path: &Path) -> PathBuf {
     let folder = path
@@ -125,10 +128,14 @@ impl Desk {
     }
 
     fn own_effect(&self, path: &Path) -> Result<Arc<dyn Effect>> {
-        model_file::own_effect(
-            &self.text(path, "the definition of an effect")?,
-            &path.display().to_string(),
-        )
+        let text = self.text(path, "the definition of an effect")?;
+        if model_file::is_model(&text) {
+            return Err(wrong(
+                path,
+                "is a model; expected effects. For a model of another recording: hysteron diagnose MODEL DATASET; for one effect more: hysteron add EFFECT MODEL DATASET",
+            ));
+        }
+        model_file::own_effect(&text, &path.display().to_string())
     }
 
     /// Takes a file as a target, once everything has been read and before the work begins.
@@ -242,8 +249,12 @@ impl Desk {
         } else {
             serde_json::to_string_pretty(value)
         };
-        let text = text.map_err(|e| wrong(path, e))?;
-        self.write(path, (text + "\n").as_bytes())
+        let text = text.map_err(|e| wrong(path, e))? + "\n";
+        if path == Path::new(SCREEN) {
+            screen::give(&text);
+            return Ok(());
+        }
+        self.write(path, text.as_bytes())
     }
 
     /// Writes a page, if a file is wanted.

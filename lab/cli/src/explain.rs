@@ -57,6 +57,9 @@ pub fn explain(
     })?;
     let dataset = found.dataset(&dataset).clone();
     drop(progress);
+    if verbose {
+        eprintln!("{}", found.work.table());
+    }
     let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, found.diagnosis.sentence);

@@ -3,9 +3,9 @@
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::simulate::{initial, way};
-use hysteron::Result;
-use hysteron::export::{Language, export_from};
+use hysteron::export::{Language, export_from, inverse};
 use hysteron::origin::sample_rate_hz;
+use hysteron::{Error, Result};
 use hysteron_sim::intersample::Intersample;
 use std::path::{Path, PathBuf};
 
@@ -19,6 +19,8 @@ pub struct ExportRequest<'a> {
     pub rate_hz: Option<f64>,
     /// Where it begins.
     pub initial: Option<&'a str>,
+    /// The inverse of its loops in its place.
+    pub inverse: bool,
 }
 
 /// Writes a model as a function of another language.
@@ -31,6 +33,12 @@ pub fn export(
     let (desk, model) = (Desk::new(force), wanted.model);
     let language = Language::named("--as", wanted.language)?;
     let read = desk.model(model)?;
+    if let (true, Some(option)) = (wanted.inverse, reading.as_words().first()) {
+        return Err(Error::new(
+            option,
+            "has no effect with --inverse; leave it out",
+        ));
+    }
     let begins = initial(&desk, &read, wanted.initial, reading)?;
     let (way, rate_hz) = (
         way(&read, reading)?,
@@ -45,8 +53,19 @@ pub fn export(
         || "model".into(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    let text = export_from(&read, language, rate_hz, &name, (&begins, way))?;
+    let text = if wanted.inverse {
+        inverse(&read, language, rate_hz, &name)?
+    } else {
+        export_from(&read, language, rate_hz, &name, (&begins, way))?
+    };
     desk.write(&out, text.as_bytes())?;
+    if wanted.inverse {
+        println!(
+            "{}: inverse of the loops for {rate_hz} samples per second",
+            out.display()
+        );
+        return Ok(true);
+    }
     println!(
         "{} for {rate_hz} samples per second; {}",
         out.display(),

@@ -36,6 +36,7 @@ mod reproduce;
 mod score;
 mod screen;
 mod simulate;
+mod survey;
 mod tables;
 mod track;
 mod write_whole;

@@ -4,7 +4,7 @@
 use hysteron::watch::{Watch, WatchEvent};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::Once;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Ctrl-C was pressed.
@@ -16,6 +16,8 @@ pub struct Progress {
     bar: ProgressBar,
     every_event: bool,
     began: Instant,
+    /// Percent of the budget that is used.
+    used_percent: AtomicU64,
 }
 
 impl Progress {
@@ -49,6 +51,7 @@ impl Progress {
             bar,
             every_event,
             began: Instant::now(),
+            used_percent: AtomicU64::new(0),
         }
     }
 
@@ -57,12 +60,21 @@ impl Progress {
         if self.every_event {
             eprintln!("{:7.2} s  {message}", self.began.elapsed().as_secs_f64());
         }
-        self.bar.set_message(message.to_string());
+        let used = match self.used_percent.load(Ordering::Relaxed) {
+            0 => String::new(),
+            percent => format!("{percent} % of the budget  "),
+        };
+        self.bar.set_message(format!("{used}{message}"));
     }
 }
 
 impl Watch for Progress {
     fn event(&self, event: &WatchEvent<'_>) {
+        if let WatchEvent::Used { share } = event {
+            let percent = (100.0 * share).round() as u64;
+            self.used_percent.store(percent, Ordering::Relaxed);
+            return;
+        }
         self.say(&event.to_string());
     }
 

@@ -40,7 +40,7 @@ pub struct ReadArguments {
 impl ReadArguments {
     /// What is specified of a recording where there is one.
     pub fn require_recording(&self, recording: Option<&Path>) -> Result<()> {
-        match self.as_typed().split_whitespace().next() {
+        match self.as_words().first() {
             Some(option) if recording.is_none() => Err(Error::new(
                 option,
                 "has no effect without --data; name the recording, or leave it out",
@@ -49,8 +49,8 @@ impl ReadArguments {
         }
     }
 
-    /// The same as they are typed behind a data set, each with a space before it, for a suggested command.
-    pub fn as_typed(&self) -> String {
+    /// The same as words behind a data set: options and their values.
+    pub fn as_words(&self) -> Vec<String> {
         let rate = self.sample_rate_hz.map(|rate| rate.to_string());
         let rows = self.skip_rows.map(|rows| rows.to_string());
         let said = [
@@ -62,12 +62,18 @@ impl ReadArguments {
             ("--intersample", &self.intersample),
             ("--skip-rows", &rows),
         ];
-        said.iter()
-            .filter_map(|(name, value)| {
-                value
-                    .as_ref()
-                    .map(|value| format!(" {name} {}", as_argument(Path::new(value))))
-            })
+        let given = said
+            .into_iter()
+            .filter_map(|(name, value)| Some([name.to_owned(), value.clone()?]));
+        given.flatten().collect()
+    }
+
+    /// The same as they are typed, each with a space before it, for a suggested command.
+    pub fn as_typed(&self) -> String {
+        let words = self.as_words();
+        words
+            .iter()
+            .map(|word| format!(" {}", as_argument(Path::new(word))))
             .collect()
     }
 

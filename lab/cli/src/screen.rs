@@ -11,6 +11,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Something could not be written for another reason, such as a full disk.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
+/// Nothing is printed but errors and what `--json -` asks for.
+static HUSHED: AtomicBool = AtomicBool::new(false);
+
+/// From here on nothing is printed.
+pub fn hush() {
+    HUSHED.store(true, Ordering::Relaxed);
+}
+
 /// The units of the data set that this run is about, where they are not V and um.
 static UNITS: OnceLock<SignalUnits> = OnceLock::new();
 
@@ -36,12 +44,20 @@ pub fn has_own_units() -> bool {
 
 /// Writes one line.
 pub fn say(line: Arguments) {
+    if HUSHED.load(Ordering::Relaxed) {
+        return;
+    }
     let written = if has_own_units() {
         writeln!(stdout(), "{}", in_units(&line.to_string()))
     } else {
         writeln!(stdout(), "{line}")
     };
     note(written);
+}
+
+/// Writes a text whatever is hushed: it was asked for here.
+pub fn give(text: &str) {
+    note(stdout().write_all(text.as_bytes()));
 }
 
 /// The output has arrived, or nobody wanted it any more.

@@ -3,6 +3,7 @@
 //! Every front end calls [`analyse`].
 
 use crate::dataset::Dataset;
+use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::closure::close;
 use crate::diagnosis::findings::{Weighed, test_slots, weigh};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
@@ -15,6 +16,7 @@ use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure};
 use crate::diagnosis::searched_data::for_evidence;
+use crate::diagnosis::selection::least_difference_um;
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -23,6 +25,7 @@ use crate::identification::fit::{Effort, fit_rows};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
+use crate::identification::work::{Stage, Work};
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
 use crate::origin::{note_origin, read_as_recorded};
@@ -58,6 +61,8 @@ pub struct Outcome {
     pub corrected: Option<Dataset>,
     /// The caller wanted the best so far.
     pub stopped: bool,
+    /// What was simulated.
+    pub work: Work,
 }
 
 /// A drive to run next.
@@ -122,7 +127,7 @@ pub fn analyse(
     let found = once(dataset, start.clone(), options, watch)?;
     let Some(corrected) = found
         .retry
-        .filter(|_| !found.outcome.stopped && !watch.searched_enough())
+        .filter(|_| !found.outcome.stopped && watch.time_used() < SEARCH_ENDS_AT)
     else {
         return Ok(Outcome {
             corrected: as_recorded,
@@ -216,7 +221,10 @@ struct Grown {
     loops: Vec<String>,
     issues: Vec<Issue>,
     stopped: bool,
+    /// The budget did not reach to find and test what would be named.
     out_of_time: bool,
+    /// The search ended before it found nothing more.
+    ended_early: bool,
 }
 
 /// Everything that is decided on a data set.
@@ -235,7 +243,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     };
     for _ in 1..FLOORS_MAX {
         let Some(beside) = floor_of(&grown, &floor, &study)
-            .filter(|_| !blocked && !grown.stopped && !grown.out_of_time)
+            .filter(|_| !blocked && !grown.stopped && !grown.ended_early)
         else {
             break;
         };
@@ -250,7 +258,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         ));
         grown = grown_from(&start, &study)?;
     }
-    if grown.out_of_time {
+    if grown.ended_early {
         floor.warnings.push(
             "the search ended where it was when its time was over: with more it may find more"
                 .to_owned(),
@@ -293,6 +301,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         require_finite(&model, dataset, &study.split.both())?;
     }
     let next = next_experiment(&grown, dataset, floor.rms_um);
+    let left_um = grown.simplest.first().map_or(0.0, |e| e.judged.error_um());
+    let least_um = least_difference_um(&study, left_um);
+    let decides = |best: &NextExperiment| best.proposal.decides(floor.rms_um, least_um);
     let found = Found {
         first: &grown.steps[0].judged,
         last: &last,
@@ -310,14 +321,13 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         out_of_time: grown.out_of_time,
         in_vain: next
             .as_ref()
-            .filter(|best| !best.proposal.decides(floor.rms_um))
+            .filter(|best| !decides(best))
             .map(|best| (&best.between, best.proposal.separation_um)),
     };
     let diagnosis = reporting::diagnosis(found, &floor, &study);
-    let next_experiment = next.filter(|best| {
-        diagnosis.verdict == Verdict::Ambiguous && best.proposal.decides(floor.rms_um)
-    });
-    let split = study.split.clone();
+    let next_experiment =
+        next.filter(|best| diagnosis.verdict == Verdict::Ambiguous && decides(best));
+    let (split, work) = (study.split.clone(), study.budget.work.clone());
     drop(study);
     let Grown {
         steps,
@@ -336,6 +346,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         next_experiment,
         corrected: None,
         stopped,
+        work,
     };
     Ok(Once { outcome, retry })
 }
@@ -479,7 +490,9 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     }
     let (mut closed, mut ablated) = (BTreeSet::new(), BTreeSet::new());
     let mut minimal;
+    let budget = &study.budget;
     loop {
+        budget.work.enter(Stage::Search);
         search.run()?;
         if search.stopped {
             return Ok(Grown {
@@ -488,6 +501,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
                 ..best_so_far(study, &search.pool, base)
             });
         }
+        budget.work.enter(Stage::BeginningAgain);
         begin_again(&mut search.pool)?;
         let before = search.pool.rank(search.pool.best());
         minimal = ablate(&mut search, &mut closed, &mut ablated)?;
@@ -502,7 +516,8 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
             break;
         }
     }
-    let (out_of_time, mut pool) = (search.out_of_time, search.pool);
+    let (ended_early, untested, mut pool) = (search.out_of_time, search.untested, search.pool);
+    budget.work.enter(Stage::Report);
     study
         .watch
         .event(&WatchEvent::Doing("weighing the evidence for each effect"));
@@ -550,13 +565,15 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let named = with_the_named_alone(study, &simplest, &weighed, &end, &end_judged);
     Ok(Grown {
         steps,
-        weighed,
         named,
         models: kept_models(&simplest),
         simplest,
         beside_start,
         loops,
-        out_of_time,
+        // Without a name nobody knows what a longer search would have found.
+        out_of_time: untested || ended_early && weighed.is_empty(),
+        ended_early: ended_early || untested,
+        weighed,
         ..Grown::default()
     })
 }
@@ -568,21 +585,24 @@ fn ablate(
     closed: &mut BTreeSet<String>,
     ablated: &mut BTreeSet<Vec<String>>,
 ) -> Result<Vec<String>> {
+    let work = &search.study.budget.work;
     loop {
+        work.enter(Stage::Closure);
         let minimal = close(&mut search.pool, closed)?;
         let open = test_slots(&mut search.pool, &minimal)
             .into_iter()
             .map(|case| case.slot.effects())
             .find(|ids| !ids.is_empty() && !ablated.contains(ids));
-        let Some(ids) = open.filter(|_| !search.stopped && !search.out_of_time) else {
+        let Some(ids) = open.filter(|_| !search.stopped && !search.untested) else {
             return Ok(minimal);
         };
+        work.enter(Stage::Ablation);
         search
             .study
             .watch
             .event(&WatchEvent::Doing("searching without what would be named"));
         let from = search.pool.entries[&minimal[0]].clone();
-        search.run_without(&ids, &from)?;
+        search.untested = !search.run_without(&ids, &from)?;
         ablated.insert(ids);
     }
 }
@@ -616,7 +636,7 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
     if best.moves == pool.origin
         || study.met(&best.judged)
         || study.watch.stopped()
-        || study.watch.searched_enough()
+        || study.budget.is_over()
     {
         return Ok(());
     }

@@ -109,15 +109,21 @@ impl Figure {
     }
 }
 
-/// Two figures of the deviation, and the value to the same place.
-pub(crate) fn with_deviation(value: f64, std: f64) -> String {
+/// A value and its deviation as they are printed: two figures of the deviation, the value to the same place.
+#[must_use]
+pub fn rounded(value: f64, std: f64) -> [String; 2] {
     let place = std.abs().log10().floor() as i32 - 1;
     if (-9..0).contains(&place) {
         let decimals = place.unsigned_abs() as usize;
-        format!("{value:.decimals$} +- {std:.decimals$}")
+        [value, std].map(|number| format!("{number:.decimals$}"))
     } else {
-        format!("{} +- {}", four(value), four(std))
+        [value, std].map(four)
     }
+}
+
+/// The same with the sign between them.
+pub(crate) fn with_deviation(value: f64, std: f64) -> String {
+    rounded(value, std).join(" +- ")
 }
 
 /// A value with four figures.

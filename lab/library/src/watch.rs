@@ -13,20 +13,18 @@ pub trait Watch: Sync {
         false
     }
 
-    /// Whether a search has had its time: it ends where it is, and what it found is weighed as always.
-    fn searched_enough(&self) -> bool {
-        false
+    /// The share of the caller's time that is over: at one the answer is due.
+    fn time_used(&self) -> f64 {
+        0.0
     }
 }
 
 /// A watch for a caller who wants the answer within about so long.
 pub struct Deadline<'w> {
     watch: &'w dyn Watch,
-    search_until: Instant,
+    began: Instant,
+    within: Duration,
 }
-
-/// Share of the time that the search may take; the rest is for what weighs what it found.
-const SHARE_OF_SEARCH: f64 = 0.5;
 
 impl<'w> Deadline<'w> {
     /// Time that runs from now, beside another watch.
@@ -34,7 +32,8 @@ impl<'w> Deadline<'w> {
     pub fn new(watch: &'w dyn Watch, within: Duration) -> Self {
         Self {
             watch,
-            search_until: Instant::now() + within.mul_f64(SHARE_OF_SEARCH),
+            began: Instant::now(),
+            within,
         }
     }
 }
@@ -48,8 +47,8 @@ impl Watch for Deadline<'_> {
         self.watch.stopped()
     }
 
-    fn searched_enough(&self) -> bool {
-        Instant::now() >= self.search_until
+    fn time_used(&self) -> f64 {
+        self.began.elapsed().as_secs_f64() / self.within.as_secs_f64()
     }
 }
 
@@ -85,6 +84,11 @@ pub enum WatchEvent<'a> {
         validate_rms_um: Option<f64>,
         /// It is the best so far.
         best: bool,
+    },
+    /// So much of the budget is used.
+    Used {
+        /// The share, 0..1.
+        share: f64,
     },
     /// A part of the work that has no figures of its own.
     Doing(
@@ -124,6 +128,7 @@ impl fmt::Display for WatchEvent<'_> {
                     1e3 * error_um
                 )
             }
+            Self::Used { share } => write!(f, "{:.0} % of the budget used", 100.0 * share),
             Self::Doing(what) => write!(f, "{what}"),
         }
     }

@@ -7,10 +7,11 @@ Drive is in V, displacement in um, force in N, time in s. ``displacement_um[k]``
 from ._model import Model, Parameter
 from ._native import HysteronError, __version__
 from ._records import Dataset, Record, load
-from ._results import Explanation, Fit, Servo
-from ._work import add, compare, design, diagnose, explain, identify
+from ._results import Explanation, Fit, Loop, Servo
+from ._survey import Survey, survey
+from ._work import add, compare, design, diagnose, explain, identify, track
 
 __all__ = [
-    "Dataset", "Explanation", "Fit", "HysteronError", "Model", "Parameter", "Record", "Servo",
-    "add", "compare", "design", "diagnose", "explain", "identify", "load", "__version__",
+    "Dataset", "Explanation", "Fit", "HysteronError", "Loop", "Model", "Parameter", "Record", "Servo", "Survey",
+    "add", "compare", "design", "diagnose", "explain", "identify", "load", "survey", "track", "__version__",
 ]

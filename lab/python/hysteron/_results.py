@@ -100,6 +100,20 @@ class Explanation(Fit):
         return f"{self.verdict}: {self.sentence}"
 
 
+class Loop:
+    """A servo in a loop of your own: the integers that the board runs, a tick at a time.
+
+    It begins on a stage that was cycled over its range and rests at its lowest drive; readings count from there.
+    """
+
+    def __init__(self, servo: Servo) -> None:
+        self._native = _native.Loop(servo.toml)
+
+    def tick(self, reading_um: float, reference_um: float) -> float:
+        """The drive, V, that is to act in the next period. ``reference_um`` is what the stage shall follow eight ticks later."""
+        return self._native.tick(reading_um, reference_um)
+
+
 @dataclass(frozen=True)
 class Servo:
     """A servo for a model."""
@@ -118,3 +132,7 @@ class Servo:
     def save(self, path: PathLike) -> None:
         """Writes the servo's file, for ``hysteron check`` and ``hysteron track``, whole or not at all."""
         write_whole(path, self.toml)
+
+    def loop(self) -> Loop:
+        """The servo at its first tick."""
+        return Loop(self)

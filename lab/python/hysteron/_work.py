@@ -84,3 +84,17 @@ def design(
     native = None if records is None else dataset_of(records)._native
     toml, figures = _native.design(model._native, native, reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak)
     return Servo(toml, json.loads(figures))
+
+
+def track(
+    servo: Servo, plant: Model | Callable[[float], float | tuple[float, float]], reference: str = "sine:10:1:2", *, scheme: str | None = None,
+    sensor_noise_um: float | None = None,
+) -> dict[str, Any]:
+    """Follows a reference with a servo, and gives every figure of the program's ``track --json``.
+
+    ``plant`` is a model, or a function that is called with the drive of each sampling period, V. It gives the reading at the end of the period, um,
+    or that and the true position. ``reference`` is written as for the program: ``sine:HZ:UM:OFFSET_UM``, ``step:UM``.
+    """
+    native = plant._native if isinstance(plant, Model) else plant
+    figures: dict[str, Any] = json.loads(_native.track(servo.toml, native, reference, scheme, sensor_noise_um))
+    return figures

@@ -3,12 +3,14 @@
 //!
 //! What a person imports is `hysteron/__init__.py` and the modules beside it, which make NumPy arrays and
 //! dictionaries of these. `at_work` does the work without Python's lock and looks after Ctrl-C; `dataset`,
-//! `model` and `results` hold what is handed out.
+//! `model`, `results`, `servo` and `survey` hold what is handed out.
 
 mod at_work;
 mod dataset;
 mod model;
 mod results;
+mod servo;
+mod survey;
 
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
@@ -67,5 +69,10 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(results::identify, module)?)?;
     module.add_function(wrap_pyfunction!(results::add, module)?)?;
     module.add_function(wrap_pyfunction!(results::compare, module)?)?;
-    module.add_function(wrap_pyfunction!(results::design, module)?)
+    module.add_function(wrap_pyfunction!(results::design, module)?)?;
+    module.add_class::<servo::Loop>()?;
+    module.add_function(wrap_pyfunction!(servo::track, module)?)?;
+    module.add_function(wrap_pyfunction!(survey::common_effects, module)?)?;
+    module.add_function(wrap_pyfunction!(survey::survey_row, module)?)?;
+    module.add_function(wrap_pyfunction!(survey::survey_of, module)?)
 }

@@ -293,5 +293,43 @@ class Package(unittest.TestCase):
         self.assertTrue((pathlib.Path(hysteron.__file__).parent / "py.typed").is_file())
 
 
+class Loops(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        fit = hysteron.identify(hysteron.load(EXAMPLE), START + ",creep")
+        cls.model, cls.servo = fit.model, hysteron.design(fit.model)
+
+    @staticmethod
+    def stage():
+        """A gain behind a mode, by equations of its own; readings count from zero volts."""
+        at = {"um": 0.0, "um_s": 0.0}
+        rad_s, damping, gain, step_s = 2 * math.pi * 917.0, 0.51, 0.15, 5e-5 / 10
+
+        def moves(drive_v):
+            for _ in range(10):
+                at["um_s"] += step_s * (rad_s**2 * (gain * drive_v - at["um"]) - 2 * damping * rad_s * at["um_s"])
+                at["um"] += step_s * at["um_s"]
+            return at["um"]
+
+        return moves
+
+    def test_a_model_and_a_function_are_plants(self):
+        on_model = hysteron.track(self.servo, self.model, "sine:20:2:4")
+        self.assertLess(on_model["true"]["rms_um"], 0.02)
+        on_function = hysteron.track(self.servo, self.stage(), "sine:20:2:4")
+        self.assertLess(on_function["true"]["rms_um"], 0.1)
+        self.assertEqual(on_function["saturated_ticks"], 0)
+        with self.assertRaises(ZeroDivisionError):
+            hysteron.track(self.servo, lambda drive_v: 1 / 0, "sine:20:2:4")
+
+    def test_a_servo_ticks_in_a_loop_of_ones_own(self):
+        loop, moves = self.servo.loop(), self.stage()
+        reading_um, drive_v = 0.0, 0.0
+        for _ in range(4000):
+            later_v = loop.tick(reading_um, 3.0)
+            reading_um, drive_v = moves(drive_v), later_v
+        self.assertAlmostEqual(reading_um, 3.0, delta=0.01)
+
+
 if __name__ == "__main__":
     unittest.main()

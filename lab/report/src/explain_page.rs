@@ -16,6 +16,7 @@ use super::text::{Significant, effect_words, figure, nanometres, percent, role_w
 use hysteron::diagnosis::residual_map::{
     Branch, DriveFeature, branches, drive_features, residual_by_feature,
 };
+use hysteron::engineering::rounded;
 use hysteron::spectrum::amplitude_density;
 
 const RECORD: &str = "record";
@@ -877,11 +878,15 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
                 .parameters
                 .iter()
                 .map(|p| {
+                    let [value, std] = match p.std.filter(|std| *std > 0.0) {
+                        Some(std) => rounded(p.value, std),
+                        None => [format!("{:.6}", Significant(p.value)), "unknown".to_owned()],
+                    };
                     vec![
                         p.effect.clone(),
                         p.name.clone(),
-                        format!("{:.6}", Significant(p.value)),
-                        p.std.map(figure).unwrap_or_else(|| "unknown".to_owned()),
+                        value,
+                        std,
                         p.unit.clone(),
                         p.note.clone(),
                     ]

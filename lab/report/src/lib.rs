@@ -52,7 +52,7 @@
 //!   on nothing;
 //! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the
 //!   one from what the library found;
-//! - `servo_plots` and `track_page`: a servo, its loop and its work;
+//! - `servo_plots` and `track_page`: a servo, its loop and its work; `survey_page`: many recordings;
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
 //!   that moves.
 
@@ -71,6 +71,7 @@ mod of_findings;
 mod page;
 mod servo_plots;
 pub mod servo_words;
+mod survey_page;
 mod text;
 mod track_page;
 
@@ -89,4 +90,5 @@ pub use page::{
     Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep, When, Width,
 };
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};
+pub use survey_page::survey_page;
 pub use track_page::{TrackPage, step_section};

@@ -2,7 +2,7 @@
 
 use hysteron::servo::known::OnPlants;
 use hysteron::servo::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
-use hysteron::servo::members::PlantBand;
+use hysteron::servo::members::{OnMember, PlantBand};
 use hysteron::servo::sampled_loop::decibels;
 use hysteron::servo::track::{SETTLED, StepFigures};
 use hysteron::statistics::extremes;
@@ -76,13 +76,28 @@ pub fn band(band: &PlantBand) -> Vec<[String; 2]> {
     if !band.with_covariance {
         said.push(["note".into(), "the model file has no covariance of its values: gain, modes and loops are varied alone".into()]);
     }
-    said.extend(
-        band.members
-            .iter()
-            .skip(1)
-            .filter_map(|m| Some([m.plant.clone(), m.trouble.clone()?])),
-    );
+    said.extend(troubles(&band.members));
     said
+}
+
+/// The troubles of all plants but the model itself: each sentence once, behind the plants that it is of.
+fn troubles(members: &[OnMember]) -> Vec<[String; 2]> {
+    let mut said: Vec<(String, Vec<&str>)> = Vec::new();
+    for member in members.iter().skip(1) {
+        let Some(trouble) = &member.trouble else {
+            continue;
+        };
+        match said.iter_mut().find(|(known, _)| known == trouble) {
+            Some((_, plants)) => plants.push(&member.plant),
+            None => said.push((trouble.clone(), vec![&member.plant])),
+        }
+    }
+    let line = |(trouble, plants): (String, Vec<&str>)| match plants.as_slice() {
+        [plant] => [(*plant).to_owned(), trouble],
+        [first, rest @ ..] => [format!("{first} and {} more plants", rest.len()), trouble],
+        [] => [String::new(), trouble],
+    };
+    said.into_iter().map(line).collect()
 }
 
 /// What a lag of the sensor does to the reported errors: the lag that the servo undoes and the one that the
@@ -252,6 +267,33 @@ pub fn on_plants(found: &OnPlants) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hysteron::servo::track::TrackingFigures;
+
+    #[test]
+    fn a_trouble_of_several_plants_is_one_line() {
+        let figures = TrackingFigures {
+            rms_um: 0.0,
+            max_um: 0.0,
+        };
+        let member = |plant: &str, trouble: Option<&str>| OnMember {
+            plant: plant.into(),
+            truth: figures,
+            as_read: figures,
+            settling_s: None,
+            trouble: trouble.map(str::to_owned),
+        };
+        let members = [
+            member("the model", Some("lost")),
+            member("a", Some("lost")),
+            member("b", None),
+            member("c", Some("lost")),
+            member("d", Some("slow")),
+        ];
+        let said: Vec<String> = (troubles(&members).iter())
+            .map(|line| line.join(": "))
+            .collect();
+        assert_eq!(said, ["a and 1 more plants: lost", "d: slow"]);
+    }
 
     #[test]
     fn first_unstable_values_are_factors_and_decibels() {

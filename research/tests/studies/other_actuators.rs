@@ -3,7 +3,7 @@
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
-use hysteron_research::other_actuators::{ActuatorKind, OF_CERAMICS, recorded};
+use hysteron_research::other_actuators::{ActuatorKind, claims_of_ceramics, recorded};
 
 #[test]
 fn a_voice_coil_is_told_no_effect_of_ceramics() {
@@ -16,11 +16,7 @@ fn a_voice_coil_is_told_no_effect_of_ceramics() {
     )
     .unwrap();
     let d = &found.diagnosis;
-    let of_ceramics: Vec<&String> = d
-        .named
-        .iter()
-        .filter(|id| OF_CERAMICS.contains(&id.as_str()))
-        .collect();
+    let of_ceramics = claims_of_ceramics(ActuatorKind::VoiceCoil, d);
     assert!(of_ceramics.is_empty(), "{of_ceramics:?}: {}", d.sentence);
     // A field that is weaker off its middle is in no library: the remainder is reported.
     assert!(

@@ -33,6 +33,28 @@ fn texts(value: &Value) -> Vec<String> {
     })
 }
 
+/// What matters of an error, as the method says: 2 %.
+const MATTERS: f64 = 1.02;
+
+/// The evidence of a finding: the best model without it is worse on fitted or held-out records by what matters,
+/// and better on neither.
+fn speaks_for_its_name(finding: &Value) -> Result<(), String> {
+    let evidence = &finding["evidence"];
+    let rises = |side: &str| {
+        let of = |model: &str| evidence[model][side].as_f64();
+        Some(of("without")? / of("with")?)
+    };
+    let sides: Vec<f64> = ["identify", "validate"]
+        .into_iter()
+        .filter_map(rises)
+        .collect();
+    let speaks = sides.iter().any(|by| *by > MATTERS) && sides.iter().all(|by| by * MATTERS > 1.0);
+    if speaks || evidence["by"] != "models" {
+        return Ok(());
+    }
+    Err(format!("the evidence speaks against its name: {finding}"))
+}
+
 impl FinderAnswer {
     /// From `hysteron.fit/1` with a diagnosis, or from `hysteron.diagnosis/1`.
     pub fn of(json: &Value) -> Result<Self, String> {
@@ -45,6 +67,7 @@ impl FinderAnswer {
         // Only what these two words claim is a name.
         let claims = verdict == "named" || verdict == "ambiguous";
         let findings = d["findings"].as_array().cloned().unwrap_or_default();
+        findings.iter().try_for_each(speaks_for_its_name)?;
         let groups = findings
             .iter()
             .map(|f| texts(&f["effects"]))
@@ -112,5 +135,31 @@ impl FinderAnswer {
             ..self.clone()
         }
         .said()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn evidence_against_its_name_is_no_answer() {
+        let answer = |without: [f64; 2]| {
+            let [identify, validate] = without;
+            let evidence = json!({
+                "by": "models",
+                "without": { "identify": identify, "validate": validate },
+                "with": { "identify": 0.01, "validate": 0.02 },
+            });
+            let finding = json!({ "effects": ["creep"], "evidence": evidence });
+            FinderAnswer::of(
+                &json!({ "verdict": "named", "named": ["creep"], "findings": [finding] }),
+            )
+        };
+        assert!(answer([0.05, 0.05]).is_ok() && answer([0.0099, 0.05]).is_ok());
+        assert!(answer([0.009, 0.05]).is_err() && answer([0.01, 0.0201]).is_err());
+        let readings = json!({ "effects": ["quantisation"], "evidence": { "by": "readings" } });
+        assert!(FinderAnswer::of(&json!({ "verdict": "named", "findings": [readings] })).is_ok());
     }
 }

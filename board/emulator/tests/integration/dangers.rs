@@ -8,7 +8,9 @@ use common::{
     typed_back, world,
 };
 use hysteron_core::codes::DriveCode;
-use hysteron_core::parameter_block::set_generation;
+use hysteron_core::command_text::write_upload;
+use hysteron_core::loop_margin::{LoopBands, NO_MARGIN};
+use hysteron_core::parameter_block::{AmplifierParameters, set_generation};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE, SafetyLine};
 use hysteron_emulator::converters::{SharedWorld, World};
@@ -93,6 +95,23 @@ fn two_blocks_of_which_neither_replaces_the_other_drive_nothing() {
 }
 
 #[test]
+fn a_block_that_is_refused_is_said_on_the_serial_port() {
+    let mut refused = best_parameters();
+    refused.guard.tracking_error = i32::MAX;
+    let script = Script {
+        block: Some(block(&refused)),
+        second_block: Some(block(&parameters())),
+        serial: vec![(10 * MILLISECOND, b"BLK?\nDIA? 2\n".to_vec())],
+        ..Script::listening(20 * MILLISECOND)
+    };
+    let answers = typed_back(&run_in(&world(), script));
+    assert!(
+        answers.starts_with("REFUSED beyond the safety envelope") && answers.ends_with("2=0\n"),
+        "{answers}"
+    );
+}
+
+#[test]
 fn a_drive_that_does_not_arrive_is_a_fault() {
     let world = world();
     let script = Script {
@@ -126,7 +145,7 @@ fn a_drive_that_does_not_arrive_is_a_fault() {
 
 #[test]
 fn a_block_with_every_guard_off_is_refused() {
-    let with = |change: &dyn Fn(&mut hysteron_core::parameter_block::AmplifierParameters)| {
+    let with = |change: &dyn Fn(&mut AmplifierParameters)| {
         let mut parameters = parameters();
         change(&mut parameters);
         let script = Script {
@@ -142,7 +161,7 @@ fn a_block_with_every_guard_off_is_refused() {
         )
     };
     assert_eq!(with(&|_| {}).0, 0, "a block with guards is taken");
-    let changes: [&dyn Fn(&mut hysteron_core::parameter_block::AmplifierParameters); 6] = [
+    let changes: [&dyn Fn(&mut AmplifierParameters); 6] = [
         &|p| p.guard.stuck_ticks = 0,
         &|p| p.guard.tracking_error = i32::MAX,
         &|p| p.guard.tracking_ticks = u16::MAX,
@@ -174,6 +193,78 @@ fn kept_settings_that_are_damaged_do_not_arm() {
     let outcome = run_in(&world, script);
     let answers = typed_back(&outcome);
     assert_eq!(answers, "333\n2=33\n0\n0\n", "{:?}", texts(&outcome));
+}
+
+/// A block brought over the serial port, which is to be swapped in.
+fn upload_and_swap(parameters: &AmplifierParameters) -> Vec<u8> {
+    let mut text = String::new();
+    write_upload(&block(parameters), &mut text).expect("written");
+    text.replace("block begin", "BLK BEGIN")
+        .replace("block data", "BLK DATA")
+        .replace("block commit", "BLK SWAP")
+        .into_bytes()
+}
+
+#[test]
+fn a_closed_loop_takes_no_filter_that_its_margins_do_not_bear() {
+    let world = world();
+    // A block for which nothing is known of its loop.
+    let unknown = AmplifierParameters {
+        loop_bands: LoopBands::UNKNOWN,
+        ..best_parameters()
+    };
+    let filters: &[u8] =
+        b"SPA 1 0x7F000034 200\nERR?\nSPA 1 0x7F000030 300 1 0x7F000031 300\nERR?\n\
+        SPA 1 0x7F000034 9000\nERR?\nSPA? 1 0x7F000030 1 0x7F000034\n";
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        serial: vec![
+            (
+                10 * MILLISECOND,
+                b"ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 3\n".to_vec(),
+            ),
+            (60 * MILLISECOND, filters.to_vec()),
+            (110 * MILLISECOND, upload_and_swap(&unknown)),
+            (360 * MILLISECOND, b"BLK?\nSVO?\n".to_vec()),
+        ],
+        ..Script::listening(390 * MILLISECOND)
+    };
+    let outcome = run_in(&world, script);
+    assert_texts(&outcome, "mode fault", 0);
+    let answers = typed_back(&outcome);
+    assert_eq!(
+        answers,
+        format!(
+            "4005\n4005\n0\n1 0x7f000030=0.000 \n1 0x7f000034=9000.000\nREFUSED {NO_MARGIN}\n1=1\n"
+        ),
+        "{:?}",
+        texts(&outcome)
+    );
+}
+
+#[test]
+fn kept_filters_that_the_loop_does_not_bear_do_not_arm() {
+    let parameters = AmplifierParameters {
+        loop_bands: LoopBands::UNKNOWN,
+        ..best_parameters()
+    };
+    let script = Script {
+        kept: Some(crate::output_path::kept_filters(&parameters)),
+        block: Some(block(&parameters)),
+        serial: vec![(
+            10 * MILLISECOND,
+            b"ARM 1 2\nERR?\nDIA? 2\nSPA? 1 0x7F000034\n".to_vec(),
+        )],
+        ..Script::listening(30 * MILLISECOND)
+    };
+    let outcome = run_in(&world(), script);
+    let answers = typed_back(&outcome);
+    assert_eq!(
+        answers,
+        "333\n2=33\n1 0x7f000034=0.000\n",
+        "{:?}",
+        texts(&outcome)
+    );
 }
 
 #[test]

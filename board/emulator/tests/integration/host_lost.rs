@@ -15,15 +15,15 @@ fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
     let world = world();
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
-    // Nobody is missed at rest: the timeout is there from 4 ms on, the next line comes at 90 ms.
+    // The timeout is there from 4 ms on, the next line comes at 90 ms: the power stage is off by then.
     let mut commands = vec![(
         4 * MILLISECOND,
-        format!("trace 31 1\narm untested\nconditioning waived\ntimeout {TIMEOUT_MS}\n")
+        format!("trace 31 1\nconditioning waived\narm untested\ntimeout {TIMEOUT_MS}\n")
             .into_bytes(),
     )];
     commands.push((
         90 * MILLISECOND,
-        b"reference constant 3000\nenable\n".to_vec(),
+        b"arm untested\nreference constant 3000\nenable\n".to_vec(),
     ));
     commands.extend((1..6).map(|nth| ((90 + 20 * nth) * MILLISECOND, b"status\n".to_vec())));
     commands.push((400 * MILLISECOND, b"clear\narm untested\nenable\n".to_vec()));
@@ -38,6 +38,18 @@ fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
         ..Script::listening(480 * MILLISECOND)
     };
     let outcome = run_on(&world, script);
+    let switched: Vec<(u64, bool)> = outcome
+        .enabled
+        .iter()
+        .map(|(at_ns, on)| (at_ns / MILLISECOND, *on))
+        .collect();
+    assert!(
+        matches!(
+            switched[..],
+            [(4..=7, true), (54..=59, false), (90..=93, true), ..]
+        ),
+        "unattended at rest, it is switched off: {switched:?}"
+    );
     let (samples, _) = samples(&outcome);
     let began_ns = world.lock().expect("the world").began_ns();
     let ms = |tick: u32| (u64::from(tick) * 50_000 + began_ns) as f64 / MILLISECOND as f64;

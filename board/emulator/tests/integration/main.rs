@@ -7,6 +7,7 @@ mod commands;
 mod common;
 mod dangers;
 mod faults;
+mod first_power_up;
 mod gain_adaptation;
 mod host_lost;
 mod learned_feedforward;

@@ -120,8 +120,8 @@ fn filters(sample_rate_hz: u32) -> [FilterSetting; 2] {
             low_pass_millihertz: millihertz(3_000),
         },
         FilterSetting {
-            notches: [notch(4_000, 200), notch(6_000, 200)],
-            low_pass_millihertz: millihertz(8_000),
+            notches: [notch(4_000, 200), notch(8_500, 200)],
+            low_pass_millihertz: millihertz(9_000),
         },
     ]
 }
@@ -136,7 +136,7 @@ pub fn amplifier_with_filters(parameters: &AmplifierParameters) -> Amplifier {
         .into_iter()
         .zip(filters(rate_hz))
     {
-        for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
+        for place in Place::ALL {
             let row = setting.row(place, rate_hz).expect("within the limits");
             amplifier
                 .command(Command::Filter { signal, place, row })
@@ -225,7 +225,7 @@ fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
     assert_ne!(host, unfiltered, "the filters are on");
 
     let answers: String = typed_back(&outcome);
-    assert_eq!(answers, "1 0x7f000020=852.000 \n1 0x7f000034=8000.000\n");
+    assert_eq!(answers, "1 0x7f000020=852.000 \n1 0x7f000034=9000.000\n");
     let status = last_status(&outcome);
     let number = |name| number(status, name);
     println!(

@@ -93,6 +93,22 @@ impl Drop for End {
 }
 
 #[test]
+fn an_update_and_what_is_kept_exclude_each_other() {
+    let answers = |serial: &[u8]| {
+        let outcome = run_with(Script {
+            serial: vec![(10 * MILLISECOND, serial.to_vec())],
+            ..Script::listening(50 * MILLISECOND)
+        });
+        text(&outcome)
+    };
+    let kept =
+        answers(b"UPD BEGIN 65536\nWPA 100\nERR?\nBLK COMMIT\nERR?\nBLK ENVELOPE 1\nERR?\nBLK?\n");
+    assert_eq!(kept, "93\n93\n93\nNOTHING\n");
+    let updated = answers(b"WPA 100\nUPD BEGIN 65536\nERR?\nBLK COMMIT\nERR?\nBLK?\n");
+    assert_eq!(updated, "93\n93\nBUSY\n");
+}
+
+#[test]
 fn an_update_over_the_line_runs_and_a_damaged_one_does_not() {
     let (line, ended) = (SharedLine::default(), Arc::new(AtomicBool::new(false)));
     let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");

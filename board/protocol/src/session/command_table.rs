@@ -195,6 +195,11 @@ impl<D: Device + 'static> Session<D> {
         ),
         ("SVO", "<axis> <0|1> switch the servo", Self::set_servo),
         ("SVO?", "[<axis>] get the servo", Self::servo),
+        (
+            "TAD?",
+            "<channel> get a code: 1 of the sensor, 2 of the amplifier's voltage monitor (of 65536)",
+            Self::code,
+        ),
         ("TMN?", "[<axis>] get the lowest position, um", Self::lowest),
         (
             "TMX?",

@@ -61,6 +61,12 @@ impl<D: Device + 'static> Session<D> {
                 left |= 1 << nth;
             }
         }
+        let sensor = FilteredSignal::Sensor as usize;
+        if new[sensor] != self.filters[sensor] {
+            self.device
+                .take_sensor_filter(&new[sensor])
+                .map_err(|_| ErrorCode::NoMargin)?;
+        }
         if left == 0 {
             // A width beside a notch that is off.
             self.filters = new;

@@ -65,6 +65,19 @@ impl<D: Device + 'static> Session<D> {
         self.say_axis(words, name.unwrap_or("NOSTAGE"))
     }
 
+    /// What a converter reads now.
+    pub(super) fn code(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let channel = words.whole()?;
+        words.end()?;
+        let view = self.device.view();
+        let code = match channel {
+            1 => view.adc_code.steps(),
+            2 => view.monitor_code.ok_or(ErrorCode::Axis)?.into(),
+            _ => return Err(ErrorCode::Axis),
+        };
+        self.say(format_args!("{channel}={code}"))
+    }
+
     pub(super) fn servo(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let closed = u8::from(self.closed());
         self.say_axis(words, closed)

@@ -59,6 +59,7 @@ impl Platform for NucleoG474re {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x0807_F000), ("B", 0x0807_F800)];
+    const DATA_BANK: (u32, u32) = (0x0804_0000, 256 * 1024);
     const KEPT_SETTINGS: u32 = 0x0807_D800;
     const ENVELOPE: u32 = 0x0807_E000;
     const SECTOR_BYTES: u32 = 2 * 1024;

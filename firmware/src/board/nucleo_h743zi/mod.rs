@@ -63,6 +63,7 @@ impl Platform for NucleoH743zi {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+    const DATA_BANK: (u32, u32) = (0x0810_0000, 1024 * 1024);
     const KEPT_SETTINGS: u32 = 0x0816_0000;
     const ENVELOPE: u32 = 0x0818_0000;
     const SECTOR_BYTES: u32 = 128 * 1024;

@@ -393,6 +393,11 @@ fn models_that_were_edited_wrongly() {
         "is in the model already",
     );
     says(
+        &["explain", ".", "--from", "m.toml"],
+        folder.path(),
+        "m.toml: is a model; expected effects. For a model of another recording: hysteron diagnose",
+    );
+    says(
         &["explain", ".", "--from", "nowhere.txt"],
         folder.path(),
         "nowhere.txt: does not exist",

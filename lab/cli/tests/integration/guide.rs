@@ -112,6 +112,22 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
     );
 }
 
+#[test]
+fn the_table_of_verdicts_is_the_same_wherever_it_stands() {
+    let table = |page: &'static str| -> Vec<&'static str> {
+        let lines = page
+            .lines()
+            .skip_while(|line| !line.starts_with("| verdict |"));
+        lines.take_while(|line| line.starts_with('|')).collect()
+    };
+    let readme = table(include_str!("../../../../README.md"));
+    assert_eq!(readme.len(), 7);
+    assert_eq!(
+        readme,
+        table(include_str!("../../../../docs/reference/method.md"))
+    );
+}
+
 /// A session as docs/guides/recording.md asks for it: the drives one after another on one simulated actuator,
 /// whose history goes on.
 #[test]

@@ -16,3 +16,4 @@ mod scope;
 mod servo_files;
 mod starts;
 mod stopping;
+mod surveys;

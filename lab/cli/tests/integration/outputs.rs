@@ -310,3 +310,18 @@ fn the_page_of_a_comparison_says_what_the_terminal_says() {
         assert!((told / rms_nm - 1.0).abs() < 6e-3, "{told} {rms_nm}");
     }
 }
+
+#[test]
+fn figures_for_the_screen_stand_there_alone() {
+    let folder = folder_with_model();
+    let output = hysteron(&words("compare m.toml . --json -"), folder.path());
+    assert_done(&output);
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(figures["schema"], "hysteron.fit/1");
+    let files = std::fs::read_dir(folder.path()).unwrap().count();
+    let output = hysteron(&words("explain a.csv --quiet"), folder.path());
+    assert_done(&output);
+    assert!(output.stdout.is_empty());
+    assert_done(&hysteron(&words("explain a.csv --json -"), folder.path()));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), files);
+}

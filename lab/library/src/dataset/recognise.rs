@@ -134,6 +134,15 @@ pub fn time_and_drive(table: &Table, wanted: &ColumnRules) -> Result<(Vec<f64>, 
     Ok((pick(Quantity::Time)?, pick(Quantity::Drive)?))
 }
 
+/// Whether a column is a temperature by its name or its unit.
+fn is_temperature(column: &Column) -> bool {
+    let by_unit = |unit: &str| ["°c", "degc", "celsius"].contains(&unit.to_lowercase().as_str());
+    let name = column.name.to_lowercase();
+    let mut words = name.split(|c: char| !c.is_alphanumeric());
+    words.any(|word| ["temp", "temperature"].contains(&word))
+        || column.unit.as_deref().is_some_and(by_unit)
+}
+
 struct Choice<'a> {
     table: &'a Table,
     found: [Option<Found>; 4],
@@ -378,9 +387,10 @@ impl Choice<'_> {
             };
             (close, smooth)
         };
-        let best = candidates.iter().copied().max_by(|a, b| {
-            let (a, b) = (rank(b), rank(a));
-            b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))
+        // Of equals the first.
+        let best = candidates.iter().copied().rev().max_by(|a, b| {
+            let (a, b) = (rank(a), rank(b));
+            a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
         let Some(best) = best else {
             return Err(self.missing(quantity));
@@ -646,6 +656,10 @@ impl Choice<'_> {
         let (Some(u), Some(y)) = (self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
             return Err(self.missing(Quantity::Drive));
         };
+        if y.how != How::Said {
+            self.note_other_sensors(y.at);
+        }
+        self.note_temperatures();
         let t_of_y_s = self.second_time(y.at, wanted)?;
         let t_s = self
             .of(Quantity::Time)
@@ -685,6 +699,38 @@ impl Choice<'_> {
         };
         self.check_lengths(&signals)?;
         Ok(signals)
+    }
+
+    /// Columns that are called a displacement too, where no note says so yet.
+    fn note_other_sensors(&mut self, y: usize) {
+        for at in self.by_name(Quantity::Displacement) {
+            let other = self.column(at).called();
+            if !is_constant(&self.column(at).values)
+                && !self.notes.iter().any(|n| n.contains(&other))
+            {
+                self.notes.push(format!(
+                    "{other} may be the displacement as well: {} is taken; to take the other: --columns y={}",
+                    self.column(y).called(),
+                    self.column(at).number
+                ));
+            }
+        }
+    }
+
+    fn note_temperatures(&mut self) {
+        let is_free = |at: &usize| !self.is_used(*at);
+        let free = (0..self.table.columns.len()).filter(is_free);
+        let found = free.map(|at| self.column(at)).filter(|c| is_temperature(c));
+        let notes: Vec<String> = found
+            .map(|column| {
+                format!(
+                    "{} looks like a temperature; --auxiliary temperature={} gives it to effects of your own",
+                    column.called(),
+                    column.number
+                )
+            })
+            .collect();
+        self.notes.extend(notes);
     }
 
     /// The time column that stands before the displacement, where it is another than that of the drive

@@ -260,6 +260,25 @@ fn median_step(t_s: &[f64]) -> f64 {
     *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
+/// The row after which stamps come at another rate, with the periods before and after it. Stamps at two rates
+/// are two straight lines, and are farthest from the line between their ends where these meet.
+fn another_rate(t_s: &[f64]) -> Option<(usize, [f64; 2])> {
+    let mean_s = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1) as f64;
+    let off = |k: &usize| (t_s[*k] - t_s[0] - *k as f64 * mean_s).abs();
+    let row = (0..t_s.len()).max_by(|a, b| off(a).total_cmp(&off(b)))?;
+    let parts = [&t_s[..=row], &t_s[row..]];
+    let periods_s = parts.map(median_step);
+    let change_s = (periods_s[1] - periods_s[0]).abs();
+    // Jitter and a drifting clock spread the steps of a part by as much as the parts differ.
+    let is_even = |(part, period_s): (&[f64], f64)| {
+        let steps = part.windows(2).map(|w| w[1] - w[0]);
+        let even = steps.filter(|s| (s - period_s).abs() < 0.25 * change_s);
+        even.count() as f64 > (1.0 - MISSING_MAX) * (part.len() - 1) as f64
+    };
+    let changes = change_s > UNEVEN * mean_s && parts.into_iter().zip(periods_s).all(is_even);
+    changes.then_some((row, periods_s))
+}
+
 /// Rows without those whose stamp stands in the row before.
 fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>)> {
     let kept: Vec<usize> = (0..t_s.len())
@@ -301,6 +320,14 @@ fn irregularities(t_s: &[f64], known: &StampContext) -> Result<(f64, String)> {
         .map_or((t_s[t_s.len() - 1] - t_s[0]) / periods, f64::recip);
     let advice =
         "expected even samples; cut the record there, or say resample = true in dataset.toml";
+    if let Some((row, [before_s, after_s])) = another_rate(t_s).filter(|_| !force) {
+        return known.wrong(
+            row + 1,
+            format!(
+                "samples come {after_s:.6e} s apart from here on, {before_s:.6e} s before; {advice}"
+            ),
+        );
+    }
     let longest = t_s
         .windows(2)
         .enumerate()
@@ -459,6 +486,23 @@ mod tests {
             refused.contains("jumps") && refused.contains("resample"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn another_rate_within_a_file_is_an_error_with_its_row() {
+        let halved: Vec<f64> = (0..900_u32)
+            .map(|k| 1e-3 * f64::from(k) + 1e-3 * f64::from(k.saturating_sub(600)))
+            .collect();
+        let message = axis(&halved, None, None).unwrap_err().to_string();
+        let expected =
+            "row 602: samples come 2.000000e-3 s apart from here on, 1.000000e-3 s before";
+        assert!(message.contains(expected), "{message}");
+        assert!(axis(&halved, None, Some(true)).is_ok());
+        // A clock that drifts by as much has no such row.
+        let drifting: Vec<f64> = (0..900)
+            .map(|k| 1e-3 * f64::from(k) * (1.0 + 5e-5 * f64::from(k)))
+            .collect();
+        assert!(another_rate(&drifting).is_none());
     }
 
     #[test]

@@ -35,7 +35,9 @@ pub fn close(pool: &mut Pool, done: &mut BTreeSet<String>) -> Result<Vec<String>
             .filter(|k| !done.contains(*k))
             .cloned()
             .collect();
-        let spent = done.len() >= policy.closures_max || pool.study.watch.stopped();
+        let spent = done.len() >= policy.closures_max
+            || pool.study.watch.stopped()
+            || pool.study.budget.is_over();
         let Some(key) = open.into_iter().next().filter(|_| !spent) else {
             return Ok(minimal);
         };

@@ -127,15 +127,6 @@ pub fn slots(minimal: &[&Entry]) -> Vec<Slot> {
             }
         }
     }
-    let model_with = |m: &Move| {
-        minimal
-            .iter()
-            .find(|e| e.moves.contains(m))
-            .map(|e| &e.judged.model)
-    };
-    let speaks_against = |m: &Move| matches!(m, Move::Added(id) if model_with(m).is_some_and(|model| unlikely(model, id).is_some()));
-    out.iter_mut()
-        .for_each(|slot| slot.moves.sort_by_key(speaks_against));
     out
 }
 
@@ -158,47 +149,107 @@ pub struct Tested {
     as_good: Vec<String>,
 }
 
-/// Tests each slot of the simplest kept models. Where a model without it does as well, the effects that this
-/// model has in its place are alternatives, and the slot is tested again without all of them. Where such a
-/// model has nothing in its place, the slot is left out.
+/// Tests each slot of the simplest kept models. An effect that takes the place of a slot's own in the best of
+/// them, everything else the same, and that the data do not reject, is an alternative; the slot is tested
+/// again without all of them. Where the data cannot deny a model without it by no such exchange, nothing says
+/// which of its effects stands in for which, and the slot is left out.
 #[must_use]
 pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
     let Some(best) = minimal.first() else {
         return Vec::new();
     };
     let entries: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
-    let each = slots(&entries).into_iter().enumerate();
-    each.filter_map(|(place, slot)| test(pool, slot, place, best))
-        .collect()
+    let each = slots(&entries).into_iter().zip(entries[0].moves.clone());
+    let tested: Vec<Option<Tested>> = each
+        .map(|(slot, own)| test(pool, slot, &own, best))
+        .collect();
+    let ordered = |mut case: Tested| {
+        case.slot.moves = likeliest_first(pool, &case, minimal);
+        case
+    };
+    tested.into_iter().flatten().map(ordered).collect()
 }
 
-/// Tests a slot; `place` is that of its move among the moves of the best model.
-fn test(pool: &mut Pool, mut slot: Slot, place: usize, best: &str) -> Option<Tested> {
+/// Tests a slot; `own` is its move in the best model.
+fn test(pool: &mut Pool, mut slot: Slot, own: &Move, best: &str) -> Option<Tested> {
     let mut as_good = Vec::new();
     loop {
-        let key = best_without(pool, &slot, best)?;
-        let [without, with] = [&pool.entries[&key], &pool.entries[best]];
-        if let Some(standard_errors) = rejected_by(pool.study, without, with) {
+        let without = best_without(pool, &slot, best)?;
+        if let Some(standard_errors) = rejected_by(pool, &without, best) {
             return Some(Tested {
                 slot,
-                without: key,
+                without,
                 standard_errors,
                 as_good,
             });
         }
-        // Of a model with fewer moves nobody knows which stands in for which.
-        let mut instead = if without.moves.len() < with.moves.len() {
-            without.moves.clone()
-        } else {
-            slots(&[with, without]).swap_remove(place).moves
-        };
-        instead.retain(|m| !with.moves.contains(m));
-        if instead.is_empty() {
+        let mut instead = pool.entries[&without].moves.clone();
+        instead.retain(|m| !pool.entries[best].moves.contains(m));
+        let before = as_good.len();
+        for by in instead {
+            let exchanged = exchange(pool, [best, &without], own, &by);
+            let exchanged = exchanged.filter(|key| fate(pool, key, best) == Some(Fate::Kept));
+            slot.moves.extend(exchanged.is_some().then_some(by));
+            as_good.extend(exchanged);
+        }
+        if as_good.len() == before {
             return None;
         }
-        slot.moves.extend(instead);
-        as_good.push(key);
     }
+}
+
+/// The key of the model with one move in the place of another, everything else the same, fitted as far as it
+/// can be compared; where the pool lacks it, it begins at the values of another model that has this move.
+fn exchange(pool: &mut Pool, [of, from]: [&str; 2], own: &Move, by: &Move) -> Option<String> {
+    let (study, entry) = (pool.study, pool.entries[of].clone());
+    let others = entry.moves.iter().filter(|m| *m != own).cloned();
+    let mut moves: Vec<Move> = others.chain([by.clone()]).collect();
+    moves.sort();
+    let has_these = |(_, e): &(&String, &Entry)| e.moves == moves && !e.is_excluded();
+    let known = pool
+        .ranked()
+        .into_iter()
+        .find(has_these)
+        .map(|(k, _)| k.clone());
+    let key = match known {
+        Some(key) => key,
+        None if entry.held => return None,
+        None => {
+            let mut begin = study.without(&entry.judged.model, own.effect());
+            begin.add(pool.entries[from].judged.model.effect(by.effect())?.clone());
+            // What modifies the effect that leaves goes with it.
+            if moves.iter().any(|m| begin.effect(m.effect()).is_none()) {
+                return None;
+            }
+            let judged = study.for_comparison(&study.quickly(&begin).model);
+            let exchanged = Entry::new(study, moves, judged, true);
+            let key = super::pool::key(&exchanged.moves, &exchanged.judged.model);
+            pool.keep(exchanged);
+            key
+        }
+    };
+    pool.compare(std::slice::from_ref(&key));
+    pool.weigh(std::slice::from_ref(&key));
+    let is_fitted = pool.entries.get(&key).is_some_and(|e| !e.is_excluded());
+    is_fitted.then_some(key)
+}
+
+/// The moves of a slot by what the physics says against them, then by the models that have them.
+fn likeliest_first(pool: &Pool, case: &Tested, minimal: &[String]) -> Vec<Move> {
+    let models = minimal
+        .iter()
+        .chain(&case.as_good)
+        .map(|k| &pool.entries[k]);
+    let mut models: Vec<&Entry> = models.collect();
+    models.sort_by(|a, b| pool.rank(a).total_cmp(&pool.rank(b)));
+    let place = |m: &Move| models.iter().position(|e| e.moves.contains(m));
+    let speaks_against = |m: &Move| {
+        let model = place(m).map(|i| &models[i].judged.model);
+        matches!(m, Move::Added(id) if model.is_some_and(|model| unlikely(model, id).is_some()))
+    };
+    let mut out = case.slot.moves.clone();
+    out.sort_by_key(|m| (speaks_against(m), place(m)));
+    out
 }
 
 /// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the
@@ -218,16 +269,22 @@ fn best_without(pool: &mut Pool, slot: &Slot, with: &str) -> Option<String> {
     }
 }
 
-/// By how many standard errors the data reject a model beside another; none where they do not, or where it is
-/// better on the fitted or on the held-out records alone.
-fn rejected_by(study: &Study, without: &Entry, with: &Entry) -> Option<f64> {
-    let (of_without, of_with) = without.losses.as_ref().zip(with.losses.as_ref())?;
-    let Fate::Rejected(standard_errors) = confidence_set_in(study, &[of_without, of_with])[0]
-    else {
+/// What becomes of a model of a pool beside another.
+fn fate(pool: &Pool, one: &str, beside: &str) -> Option<Fate> {
+    let losses = [one, beside].map(|key| pool.entries[key].losses.as_ref());
+    let [of_one, of_other] = losses;
+    Some(confidence_set_in(pool.study, &[of_one?, of_other?])[0])
+}
+
+/// By how many standard errors the data reject a model of a pool beside another; none where they do not, or
+/// where it is better on the fitted or on the held-out records alone.
+fn rejected_by(pool: &Pool, without: &str, with: &str) -> Option<f64> {
+    let Some(Fate::Rejected(standard_errors)) = fate(pool, without, with) else {
         return None;
     };
-    let errors = [&without.judged, &with.judged].map(Residuals::of);
-    (!is_better_somewhere(errors, study.policy.matters_at_noise)).then_some(standard_errors)
+    let errors = [without, with].map(|key| Residuals::of(&pool.entries[key].judged));
+    let matters = pool.study.policy.matters_at_noise;
+    (!is_better_somewhere(errors, matters)).then_some(standard_errors)
 }
 
 /// Weighs each slot of the simplest kept models that survives its test; the models that do as well with an
@@ -335,7 +392,13 @@ mod tests {
         let keys = [key(&best.moves, &best.judged.model)];
         let found = |pool: &mut Pool| -> Vec<Vec<String>> {
             let tested = test_slots(pool, &keys).into_iter();
-            tested.map(|case| case.slot.effects()).collect()
+            // Lags in front of a stage without loops and behind it do exactly as well.
+            let sorted = |case: Tested| {
+                let mut effects = case.slot.effects();
+                effects.sort();
+                effects
+            };
+            tested.map(sorted).collect()
         };
         pool.keep(best);
         pool.keep(with("sensor_bandwidth"));
@@ -343,7 +406,7 @@ mod tests {
         pool.keep(with("amplifier_bandwidth"));
         assert_eq!(
             found(&mut pool),
-            [["sensor_bandwidth", "amplifier_bandwidth"]]
+            [["amplifier_bandwidth", "sensor_bandwidth"]]
         );
     }
 

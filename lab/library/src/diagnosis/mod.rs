@@ -14,6 +14,7 @@
 //!   it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
+pub mod budget;
 pub mod closure;
 pub mod findings;
 pub mod judgement;

@@ -57,22 +57,18 @@ pub struct Proposal {
 const SAMPLES_MAX: f64 = 60_000.0;
 /// Two explanations are distinguished where they differ by so many standard errors.
 const DECIDED: f64 = 5.0;
-/// Two models of the same stage differ by so much of the noise through what each leaves of it, and through
-/// how finely it is simulated.
-const SIMULATED_TO: f64 = 0.1;
 /// A measured slope may be exceeded by rounding only.
 const SLOPE_TOLERANCE: f64 = 1.0 + 1e-9;
 
 impl Proposal {
     /// Whether a recording of it would decide: the two are as far apart as its noise leaves to be seen of so
-    /// many samples. Where no noise is known, it may.
+    /// many samples, and by more than the least difference that matters where models are compared. Where no
+    /// noise is known, it may.
     #[must_use]
-    pub fn decides(&self, noise_um: Option<f64>) -> bool {
+    pub fn decides(&self, noise_um: Option<f64>, least_um: f64) -> bool {
         let decided =
             |noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um;
-        noise_um.is_none_or(|noise_um| {
-            decided(noise_um) && self.separation_um > SIMULATED_TO * noise_um
-        })
+        noise_um.is_none_or(|noise_um| decided(noise_um) && self.separation_um > least_um)
     }
 
     /// What the drive decides and how well, for a reader. `noise_um` is the noise floor, if there is one.
@@ -358,14 +354,20 @@ mod tests {
         let [amplifier, sensor] = lags(("gain", &[0.14]));
         let straight = propose(&amplifier, &sensor, &LIMITS).unwrap();
         assert!(
-            !straight.decides(Some(0.005)) && straight.decides(None),
+            !straight.decides(Some(0.005), 0.001) && straight.decides(None, 0.001),
             "{}",
             straight.separation_um
         );
         let loops: &[f64] = &[10.0, 1.2, -1.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let [amplifier, sensor] = lags(("hysteresis", loops));
         let looped = propose(&amplifier, &sensor, &LIMITS).unwrap();
-        assert!(looped.decides(Some(0.005)), "{}", looped.separation_um);
+        assert!(
+            looped.decides(Some(0.005), 0.001),
+            "{}",
+            looped.separation_um
+        );
+        // A drive on which the two differ by less than what is left of the data decides nothing.
+        assert!(!looped.decides(Some(0.005), 2.0 * looped.separation_um));
     }
 
     #[test]

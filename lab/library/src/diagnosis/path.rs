@@ -190,3 +190,52 @@ pub fn from(
     }
     Ok(steps)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{Dataset, Record};
+    use crate::diagnosis::policy::Policy;
+    use crate::identification::noise_floor::noise_floor;
+    use crate::model_file::effects_named;
+    use crate::watch::Unwatched;
+    use hysteron_sim::chain::Model;
+
+    #[test]
+    fn what_lowers_the_error_most_comes_first_and_the_end_is_the_last_step() {
+        let drive_v: Vec<f64> = (0..3000)
+            .map(|k| 50.0 - 50.0 * (0.006 * f64::from(k)).cos())
+            .collect();
+        let (mut lagged_um, mut drift_um) = (0.0, 0.0);
+        let read = drive_v.iter().map(|v| {
+            let read_um = lagged_um + drift_um;
+            lagged_um += (0.09 * v - lagged_um) * 0.1;
+            drift_um += 5e-6;
+            read_um
+        });
+        let read_um = read.collect();
+        let records = vec![Record::new("r", 1000.0, drive_v, read_um)];
+        let dataset = Dataset::new("d", 0.0, 100.0, records).unwrap();
+        let (floor, policy) = (noise_floor(&dataset), Policy::default());
+        let study = Study::new(&dataset, Vec::new(), &floor, policy, &Unwatched);
+        let fitted = |names: &str| {
+            let mut model = Model::new(0.0, 100.0);
+            for effect in effects_named(names).unwrap() {
+                model.add(EffectInstance::new(effect, &dataset.overview(), &[]));
+            }
+            study.thoroughly(&model)
+        };
+        let (start, end) = (
+            fitted("gain"),
+            fitted("gain,sensor_bandwidth,thermal_drift"),
+        );
+        let added = ["thermal_drift", "sensor_bandwidth"].map(str::to_owned);
+        let steps = from(&study, &start, &added, &end).unwrap();
+        let changes: Vec<Option<String>> = steps.iter().map(|s| s.change.added()).collect();
+        let expected = ["sensor_bandwidth", "thermal_drift"].map(|id| Some(id.to_owned()));
+        assert_eq!(changes, [vec![None], expected.to_vec()].concat());
+        let errors: Vec<f64> = steps.iter().map(|s| s.judged.identify_rms_um).collect();
+        assert!(errors.windows(2).all(|w| w[1] < 0.5 * w[0]), "{errors:?}");
+        assert_eq!(errors[2], end.identify_rms_um);
+    }
+}

@@ -17,6 +17,9 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Policy {
+    /// Steps of simulation that a search may take with all that is behind it: 40 s of processor at the 200
+    /// million steps a second of the example `where_time_goes`.
+    pub most_steps: f64,
     /// Samples of the fitted records that are simulated while searching, at most: every set of effects
     /// simulates them some thirty times. Longer records are searched on their beginnings and fitted whole at
     /// the end.
@@ -154,6 +157,7 @@ const SHARES: [&str; 8] = [
 impl Default for Policy {
     fn default() -> Self {
         Self {
+            most_steps: 8e9,
             walked_samples: 120_000,
             weighed_samples: 1_500_000,
             search_samples: 16_000,

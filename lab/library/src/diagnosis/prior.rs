@@ -268,3 +268,56 @@ fn scaled(study: &Study, model: &Model) -> Model {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{Dataset, Record, Role};
+    use crate::diagnosis::policy::Policy;
+    use crate::identification::noise_floor::noise_floor;
+    use crate::model_file::effects_named;
+    use crate::watch::Unwatched;
+    use hysteron_sim::noise::WhiteNoise;
+
+    #[test]
+    fn a_stage_that_moves_further_needs_one_factor() {
+        let record = |name: &str, role: Role, seed: u64, hz: f64| {
+            let drive_v: Vec<f64> = (0..3000)
+                .map(|k| 50.0 - 50.0 * (hz * 0.006 * f64::from(k)).cos())
+                .collect();
+            let mut noise = WhiteNoise::new(0.002, seed);
+            let before_v = std::iter::once(0.0).chain(drive_v.iter().copied());
+            let read_um = before_v
+                .take(3000)
+                .map(|v| 0.12 * v + noise.next_um())
+                .collect();
+            Record::new(name, 1000.0, drive_v, read_um).with_role(role)
+        };
+        let records = vec![
+            record("fitted", Role::Identify, 1, 1.0),
+            record("judging", Role::Validate, 2, 0.7),
+            Record::new("rest", 1000.0, vec![0.0; 2000], {
+                let mut noise = WhiteNoise::new(0.002, 3);
+                (0..2000).map(|_| noise.next_um()).collect()
+            })
+            .with_role(Role::Noise),
+        ];
+        let dataset = Dataset::new("d", 0.0, 100.0, records).unwrap();
+        let (floor, policy) = (noise_floor(&dataset), Policy::default());
+        let study = Study::new(&dataset, Vec::new(), &floor, policy, &Unwatched);
+        let with_gain = |gain: f64| {
+            let mut model = Model::new(0.0, 100.0);
+            let effect = effects_named("gain").unwrap().remove(0);
+            model.add(EffectInstance::new(effect, &dataset.overview(), &[gain]));
+            study.judged(model)
+        };
+        let found = compare(&study, with_gain(0.1)).unwrap();
+        assert!(!found.at_home);
+        let simplest = &found.pool.entries[&found.minimal[0]];
+        assert_eq!(simplest.moves, [Move::Freed("gain".into())]);
+        let changed = changes(&study, "gain", &found.base.model, &simplest.judged.model);
+        assert_eq!(changed.len(), 1);
+        assert!((changed[0].to - 1.2).abs() < 1e-3, "{changed:?}");
+        assert!(compare(&study, with_gain(0.12)).unwrap().at_home);
+    }
+}

@@ -156,8 +156,13 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     } else {
         findings.iter().flat_map(about).cloned().collect()
     };
+    // What describes the loops of the named more finely belongs to them.
     let mut also_in_the_model = new(found.last);
-    also_in_the_model.retain(|id| !early && !named.contains(id));
+    let describes = |id: &String| {
+        found.named.model.effect(id).is_some()
+            && by_id(id).is_some_and(|e| !e.declaration().candidate)
+    };
+    also_in_the_model.retain(|id| !early && !named.contains(id) && !describes(id));
     let rms_um = found.last.error_um();
     let issues = std::mem::take(&mut found.issues);
     let mut out = Diagnosis {
@@ -195,7 +200,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
                 .for_each(|c| c.next_experiment.clone_from(&none));
         }
     }
-    out.sentence = words::sentence(&out, found.first, dataset, study);
+    out.sentence = words::sentence(&out, [found.first, found.named], dataset, study);
     out
 }
 

@@ -608,8 +608,10 @@ impl Signatures {
             }
             of_candidate.push(first..directions.len());
         }
+        rows.count_simulation(model, dataset);
         let per_record = parallel::map_indices(rows.records.len(), |r| {
             let (i, samples) = &rows.records[r];
+            rows.work.varied(&variations, &dataset.records[*i]);
             columns_of_record(
                 model,
                 &dataset.records[*i],

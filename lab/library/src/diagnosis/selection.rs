@@ -160,11 +160,7 @@ impl Scale {
             })
             .collect();
         let margin = (0..both.len())
-            .map(|r| {
-                let remains = noise_um2(r).map_or(1.0, |noise_um2| 1.0 - noise_um2 / unit_um2[r]);
-                (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains)
-                    .max(policy.matters_at_noise)
-            })
+            .map(|r| margin(study, noise_um2(r), unit_um2[r]))
             .collect();
         let is_held_out = |i: &usize| !study.split.identify.contains(i);
         Self {
@@ -176,6 +172,22 @@ impl Scale {
             beyond_chance: (1.0 - policy.beyond_chance).powi(2),
         }
     }
+}
+
+/// The margin as a share of a mean square, in which the noise has a part.
+fn margin(study: &Study, noise_um2: Option<f64>, of_um2: f64) -> f64 {
+    let policy = &study.policy;
+    let remains = noise_um2.map_or(1.0, |noise_um2| 1.0 - noise_um2 / of_um2);
+    (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains)
+        .max(policy.matters_at_noise)
+}
+
+/// RMS of the least difference that matters between models that leave so much.
+#[must_use]
+pub fn least_difference_um(study: &Study, error_um: f64) -> f64 {
+    let noise_um2 = study.floor_um.map(|um| (study.as_the_noise() * um).powi(2));
+    let of_um2 = (error_um * error_um).max(noise_um2.unwrap_or(f64::MIN_POSITIVE));
+    (margin(study, noise_um2, of_um2) * of_um2).sqrt()
 }
 
 /// Losses in units of the best, with their resamples.

@@ -1,6 +1,7 @@
 //! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun
 //! again, fitted.
 
+use super::budget::Budget;
 use super::judgement::{Judged, Split, judge_fit, judge_rows};
 use super::policy::Policy;
 use super::screening::{CandidateScore, Screening, Weighing, screen, screen_some_and_all};
@@ -11,6 +12,7 @@ use crate::identification::fit::{Effort, Fit, FitProgress, fit_rows, fit_while, 
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
+use crate::identification::work::Purpose;
 use crate::identification::{finer_creep, finer_hysteresis, finer_plays};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -45,6 +47,8 @@ pub struct Study<'a> {
     pub policy: Policy,
     /// Told what is being done.
     pub watch: &'a dyn Watch,
+    /// What all of it may cost.
+    pub budget: Budget<'a>,
     /// The data on which a search runs: without what cannot matter there.
     searched: Dataset,
     /// Fitted samples while searching.
@@ -147,7 +151,8 @@ impl<'a> Study<'a> {
             floor.of_records_um.as_slice(),
             &floor.lines_at_rest,
         );
-        let study = Self::with_floors(dataset, candidates, at_rest, policy, watch);
+        let budget = Budget::new(policy.most_steps, watch);
+        let study = Self::with_floors(dataset, candidates, at_rest, policy, watch, budget);
         Self {
             floor_relative_std: floor.relative_std(),
             reading_step_um: floor.reading_step_um,
@@ -170,6 +175,7 @@ impl<'a> Study<'a> {
             at_rest,
             self.policy.clone(),
             self.watch,
+            self.budget.clone(),
         )
     }
 
@@ -179,7 +185,9 @@ impl<'a> Study<'a> {
         (floor_um, floors_um, lines_at_rest): (Option<f64>, &[Option<f64>], &LinesAtRest),
         policy: Policy,
         watch: &'a dyn Watch,
+        budget: Budget<'a>,
     ) -> Self {
+        let counted = |rows: Rows, purpose: Purpose| rows.counted_by(budget.work.of(purpose));
         let split = Split::of(dataset);
         let searched = for_search(dataset, policy.walked_samples);
         let samples: usize = split
@@ -191,13 +199,32 @@ impl<'a> Study<'a> {
         let stride_of_scoring = samples.div_ceil(policy.scoring_samples.max(1)).max(1);
         Self {
             overview: dataset.overview(),
-            quick: Rows::strided(&searched, &split.identify, stride),
-            quick_judging: Rows::strided(&searched, &split.both(), stride),
-            scoring: Rows::strided(&searched, &split.identify, stride_of_scoring),
-            scoring_all: Rows::strided(&searched, &split.both(), stride_of_scoring),
-            evidence: Rows::thinned(&searched, &split.identify, policy.evidence_samples),
-            thorough: Rows::thinned(dataset, &split.identify, policy.fit_samples),
-            all: Rows::all(dataset, &split.both()),
+            quick: counted(
+                Rows::strided(&searched, &split.identify, stride),
+                Purpose::Fit,
+            ),
+            quick_judging: counted(
+                Rows::strided(&searched, &split.both(), stride),
+                Purpose::Fit,
+            ),
+            scoring: counted(
+                Rows::strided(&searched, &split.identify, stride_of_scoring),
+                Purpose::Score,
+            ),
+            scoring_all: counted(
+                Rows::strided(&searched, &split.both(), stride_of_scoring),
+                Purpose::Score,
+            ),
+            evidence: counted(
+                Rows::thinned(&searched, &split.identify, policy.evidence_samples),
+                Purpose::Score,
+            ),
+            thorough: counted(
+                Rows::thinned(dataset, &split.identify, policy.fit_samples),
+                Purpose::Whole,
+            ),
+            all: counted(Rows::all(dataset, &split.both()), Purpose::Whole),
+            budget,
             searched,
             dataset,
             split,
@@ -399,6 +426,9 @@ impl<'a> Study<'a> {
             FALLS_FAST
         };
         let goes_on = |progress: &FitProgress| {
+            if self.budget.time_is_over() {
+                return false;
+            }
             if progress.fell > fast {
                 return true;
             }
@@ -431,7 +461,13 @@ impl<'a> Study<'a> {
     }
 
     fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {
-        self.judged_as_fitted(fit_rows(model, &self.searched, &self.quick, effort))
+        self.judged_as_fitted(fit_while(
+            model,
+            &self.searched,
+            &self.quick,
+            effort,
+            |_| !self.budget.time_is_over(),
+        ))
     }
 
     fn judged_as_fitted(&self, fit: Fit) -> Judged {
@@ -454,7 +490,9 @@ impl<'a> Study<'a> {
             Effort::default()
         };
         judge_fit(
-            fit_rows(model, self.dataset, &self.thorough, effort),
+            fit_while(model, self.dataset, &self.thorough, effort, |_| {
+                !self.budget.time_is_over()
+            }),
             &self.thorough,
             self.dataset,
             &self.split,

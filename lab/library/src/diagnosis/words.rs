@@ -4,18 +4,22 @@ use super::judgement::Judged;
 use super::path::ModelChange;
 use super::study::Study;
 use crate::dataset::Dataset;
+use crate::dataset::drive_variety::DriveVariety;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
 use crate::quality::{self, Issue, Reason};
-use hysteron_sim::effect::delay;
+use hysteron_sim::effect::{by_id, delay};
 
 /// Nanometres with three figures.
 #[must_use]
 pub fn nm(um: f64) -> String {
     let value = 1e3 * um;
-    if value >= 100.0 {
+    if value > 0.0 && value < 0.005 {
+        // Readings in another unit than they are said to be.
+        format!("{value:.1e}")
+    } else if value >= 100.0 {
         format!("{value:.0}")
     } else if value >= 10.0 {
         format!("{value:.1}")
@@ -243,8 +247,16 @@ fn joined(names: &[String]) -> String {
 
 /// The verdict in a sentence or a few.
 #[must_use]
-pub fn sentence(d: &Diagnosis, first: &Judged, dataset: &Dataset, study: &Study) -> String {
-    let said = Said::of(d, first, study);
+pub fn sentence(
+    d: &Diagnosis,
+    [first, named]: [&Judged; 2],
+    dataset: &Dataset,
+    study: &Study,
+) -> String {
+    let mut said = Said::of(d, first, study);
+    said.described_by = named.model.effect_ids();
+    said.described_by
+        .retain(|id| first.model.effect(id).is_none() && !d.named.contains(id));
     let delayed = dataset.timing_is_assumed && d.named.iter().any(|id| id == delay::ID);
     let parts = [
         said.headline(),
@@ -253,6 +265,7 @@ pub fn sentence(d: &Diagnosis, first: &Judged, dataset: &Dataset, study: &Study)
         said.remainder(),
         said.physics(),
         said.loops(),
+        said.one_loop(dataset, study),
         said.issues(dataset),
         if delayed {
             delay_counts_from(dataset)
@@ -272,6 +285,8 @@ struct Said<'a> {
     which: &'static str,
     before_um: f64,
     after_um: f64,
+    /// What the model of the named effects has to describe its loops more finely than the first.
+    described_by: Vec<String>,
     /// Times the noise up to which nothing remains.
     explained: f64,
     reading_step_um: Option<f64>,
@@ -281,11 +296,11 @@ struct Said<'a> {
 impl<'a> Said<'a> {
     fn of(d: &'a Diagnosis, first: &Judged, study: &Study) -> Self {
         let floor_um = d.noise_floor_um;
-        // Each number beside names is of the model that has these effects and no others.
-        let after = if matches!(d.verdict, Verdict::Named | Verdict::Ambiguous) {
-            d.residual_rms_named_um
-        } else {
+        // Each number is of the model that has the named effects, or nothing more than the first, and no others.
+        let after = if matches!(d.verdict, Verdict::Unexplained | Verdict::Undecidable) {
             d.residual_rms_after_um
+        } else {
+            d.residual_rms_named_um
         };
         Self {
             diagnosis: d,
@@ -297,6 +312,7 @@ impl<'a> Said<'a> {
             },
             before_um: first.error_um(),
             after_um: after.validate.unwrap_or(after.identify),
+            described_by: Vec::new(),
             explained: study.policy.explained,
             reading_step_um: study.reading_step_um,
             at_least_um: study.at_least_um,
@@ -326,6 +342,11 @@ impl<'a> Said<'a> {
         match d.verdict {
             Verdict::AtFloor if !d.changed.is_empty() => format!(
                 "Nothing is missing that this data could show: the {which} falls from {before} to {after} nm with other values; {noise}."
+            ),
+            Verdict::AtFloor if self.fell() && !self.described_by.is_empty() => format!(
+                "Nothing is missing that this data could show, but the loops are others: with {}, fitted again, the {which} falls from \
+                 {before} to {after} nm; {noise}.",
+                list(&self.described_by, "and")
             ),
             Verdict::AtFloor if self.fell() => format!(
                 "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the \
@@ -460,7 +481,7 @@ impl<'a> Said<'a> {
             return String::new();
         }
         format!(
-            " Also in the model, not needed: {}; with {} the {} is {} nm.",
+            " Also in the model, not named: {}; with {} the {} is {} nm.",
             list(&d.also_in_the_model, "and"),
             if d.also_in_the_model.len() > 1 {
                 "them"
@@ -546,6 +567,19 @@ impl<'a> Said<'a> {
         format!(" The loops are {end}{as_well}.")
     }
 
+    /// The named structure of loops is one of several that the same single loop may have.
+    fn one_loop(&self, dataset: &Dataset, study: &Study) -> String {
+        let is_structure = |id: &String| by_id(id).is_some_and(|e| e.declaration().is_main());
+        let named = self.diagnosis.named.iter().find(|id| is_structure(id));
+        let one = DriveVariety::of(dataset, &study.split.both()).one_loop();
+        named.filter(|_| one).map_or_else(String::new, |id| {
+            format!(
+                " The drive runs through one loop, which does not distinguish {} from other structures of loops; turns inside the range do.",
+                spoken(id)
+            )
+        })
+    }
+
     /// What the model shows about the recording, each kind once; what the readings show by themselves stands
     /// in the data set's own remarks.
     fn issues(&self, dataset: &Dataset) -> String {
@@ -600,6 +634,15 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_far_below_a_nanometre_has_figures() {
+        assert_eq!(
+            [2e-9, 4.9e-6, 5.7e-4, 0.0123].map(nm),
+            ["2.0e-6", "4.9e-3", "0.57", "12.3"]
+        );
+        assert_eq!(nm(0.0), "0.00");
+    }
 
     #[test]
     fn of_many_values_the_one_that_moved_furthest_is_told() {

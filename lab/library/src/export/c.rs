@@ -20,7 +20,7 @@ static double h_start(double n, int with_motions)
 ";
 
 /// One block: what puts it at rest, and one interval of it.
-fn functions(i: usize, law: &Law, name: &str) -> String {
+pub(super) fn functions(i: usize, law: &Law, name: &str) -> String {
     let own = |word: &str| {
         if law.states.iter().any(|state| state.name == word) {
             format!("m->b{i}_{word}")
@@ -62,6 +62,21 @@ fn functions(i: usize, law: &Law, name: &str) -> String {
         body(&law.begin),
         body(&law.step)
     )
+}
+
+/// The fields of a structure that holds the states.
+pub(super) fn fields(laws: &[Law]) -> String {
+    let mut out = String::new();
+    for (i, law) in laws.iter().enumerate() {
+        for state in &law.states {
+            let kind = if state.counts { "int" } else { "double" };
+            let _ = match state.size {
+                Some(size) => writeln!(out, "    {kind} b{i}_{}[{}];", state.name, size.max(1)),
+                None => writeln!(out, "    {kind} b{i}_{};", state.name),
+            };
+        }
+    }
+    out
 }
 
 pub(super) fn text(exported: &Exported) -> String {
@@ -118,15 +133,7 @@ pub(super) fn text(exported: &Exported) -> String {
         out.push_str(START);
     }
     out.push_str("\ntypedef struct {\n    double drive, sample;\n    int begins;\n");
-    for (i, law) in laws.iter().enumerate() {
-        for state in &law.states {
-            let kind = if state.counts { "int" } else { "double" };
-            let _ = match state.size {
-                Some(size) => writeln!(out, "    {kind} b{i}_{}[{}];", state.name, size.max(1)),
-                None => writeln!(out, "    {kind} b{i}_{};", state.name),
-            };
-        }
-    }
+    out.push_str(&fields(&laws));
     let _ = writeln!(out, "}} {name}_state;");
     for (i, law) in laws.iter().enumerate() {
         out.push_str(&functions(i, law, name));

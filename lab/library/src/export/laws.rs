@@ -16,9 +16,11 @@ impl Dialect {
     /// What the language calls a function or a word; names of the law's own go through `own`.
     fn word(self, name: &str, own: &dyn Fn(&str) -> String) -> String {
         match (self, name) {
-            (Self::Python, "exp" | "expm1" | "cos" | "sin" | "ceil") => format!("math.{name}"),
+            (Self::Python, "exp" | "expm1" | "log" | "cos" | "sin" | "ceil") => {
+                format!("math.{name}")
+            }
             (Self::C, "min" | "max" | "abs") => format!("f{name}"),
-            (_, "min" | "max" | "abs" | "exp" | "expm1" | "cos" | "sin" | "ceil") => {
+            (_, "min" | "max" | "abs" | "exp" | "expm1" | "log" | "cos" | "sin" | "ceil") => {
                 name.to_owned()
             }
             _ => own(name),

@@ -1,15 +1,18 @@
-//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, and its linear part as a state
-//! space.
+//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, the inverse of its loops, and its
+//! linear part as a state space.
 //!
 //! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so
 //! that it reads what the program reads. What a block does stands once, in [`hysteron_sim::law`]; `laws`
 //! prints it in the words of a language. An effect whose stage has no blocks is refused by name.
 
 mod c;
+mod inverse;
 mod laws;
 mod matlab;
 mod python;
 mod state_space;
+
+pub use inverse::inverse;
 
 use crate::dataset::timing::Timing;
 use crate::engineering::{four, with_deviation};
@@ -192,13 +195,101 @@ fn cannot(model: &Model, effect: &str) -> Error {
     Error::new("export", format!("{effect} {why}"))
 }
 
+/// Words that MATLAB, Python or C keep for themselves, and the names that the exported texts use.
+const RESERVED: [&str; 84] = [
+    "and",
+    "as",
+    "assert",
+    "async",
+    "auto",
+    "await",
+    "break",
+    "case",
+    "catch",
+    "char",
+    "class",
+    "classdef",
+    "const",
+    "continue",
+    "def",
+    "default",
+    "del",
+    "do",
+    "double",
+    "elif",
+    "else",
+    "elseif",
+    "end",
+    "endfunction",
+    "enum",
+    "except",
+    "extern",
+    "finally",
+    "float",
+    "for",
+    "from",
+    "function",
+    "global",
+    "goto",
+    "if",
+    "import",
+    "in",
+    "inline",
+    "int",
+    "is",
+    "lambda",
+    "long",
+    "main",
+    "match",
+    "math",
+    "nonlocal",
+    "not",
+    "np",
+    "numpy",
+    "or",
+    "otherwise",
+    "parfor",
+    "pass",
+    "persistent",
+    "raise",
+    "register",
+    "restrict",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "spmd",
+    "static",
+    "struct",
+    "switch",
+    "try",
+    "type",
+    "typedef",
+    "union",
+    "unsigned",
+    "unwind_protect",
+    "until",
+    "void",
+    "volatile",
+    "while",
+    "with",
+    "yield",
+    "exp",
+    "sin",
+    "cos",
+    "min",
+    "max",
+    "zeros",
+    "numel",
+];
+
 /// A name that all languages take.
 fn identifier(name: &str) -> String {
     let plain: String = name
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
         .collect();
-    if plain.starts_with(|c: char| c.is_ascii_alphabetic()) {
+    if plain.starts_with(|c: char| c.is_ascii_alphabetic()) && !RESERVED.contains(&plain.as_str()) {
         plain
     } else {
         format!("model_{plain}")
@@ -278,23 +369,7 @@ fn head(exported: &Exported) -> Vec<String> {
             }
         ),
     ];
-    if let Some(known) = model.identified.as_deref() {
-        let recorded = &known.recorded;
-        let on = if recorded.fitted_on.is_empty() {
-            String::new()
-        } else {
-            format!(" on {}", recorded.fitted_on)
-        };
-        out.push(format!(
-            "Fitted to {}{on}; error {} um RMS on what judged it.",
-            recorded.data_set,
-            four(known.error_um)
-        ));
-        out.push(format!(
-            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
-            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
-        ));
-    }
+    out.extend(fitted(model));
     if start.offset_um != 0.0 {
         out.push(format!(
             "The sensor's constant of {} is {:.6} um.",
@@ -306,6 +381,30 @@ fn head(exported: &Exported) -> Vec<String> {
     out
 }
 
+/// What a model was fitted to, for a comment.
+fn fitted(model: &Model) -> Vec<String> {
+    let Some(known) = model.identified.as_deref() else {
+        return Vec::new();
+    };
+    let recorded = &known.recorded;
+    let on = if recorded.fitted_on.is_empty() {
+        String::new()
+    } else {
+        format!(" on {}", recorded.fitted_on)
+    };
+    vec![
+        format!(
+            "Fitted to {}{on}; error {} um RMS on what judged it.",
+            recorded.data_set,
+            four(known.error_um)
+        ),
+        format!(
+            "Recorded: {} to {} V, up to {:.4} V/s, {:.4} s long, {} samples per second.",
+            known.low_v, known.high_v, known.slope_max_v_s, known.seconds, recorded.sample_rate_hz
+        ),
+    ]
+}
+
 /// Rows of numbers, each in these brackets, with this between two of them.
 fn rows(rows: &[Vec<f64>], [open, close]: [&str; 2], between: &str) -> String {
     let row = |values: &Vec<f64>| {
@@ -313,4 +412,15 @@ fn rows(rows: &[Vec<f64>], [open, close]: [&str; 2], between: &str) -> String {
         format!("{open}{}{close}", texts.join(", "))
     };
     rows.iter().map(row).collect::<Vec<_>>().join(between)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_function_has_a_reserved_name() {
+        let named = ["for", "my stage", "2nd", "stage"].map(identifier);
+        assert_eq!(named, ["model_for", "my_stage", "model_2nd", "stage"]);
+    }
 }

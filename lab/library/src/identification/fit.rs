@@ -465,6 +465,7 @@ fn residuals_of(
     rows: &Rows,
     near: &[Linearised],
 ) -> (f64, Vec<DVector<f64>>) {
+    rows.count_simulation(model, dataset);
     let residuals = parallel::map_indices(rows.records.len(), |r| {
         let (i, samples) = &rows.records[r];
         residual_near(model, &dataset.records[*i], samples, &near[r])

@@ -9,6 +9,7 @@ use super::nuisance_terms::{
     self, OwnBases, OwnBasis, OwnMotions, Places, Samples, amounts, project_out,
     project_out_by_rows, project_out_of,
 };
+use super::work::Work;
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -47,6 +48,8 @@ pub struct Rows {
     pub records: Vec<(usize, Samples)>,
     /// What each record has of its own beside the last models.
     bases: Vec<OwnBases>,
+    /// Counts what is simulated for them.
+    pub work: Work,
 }
 
 impl Rows {
@@ -98,7 +101,20 @@ impl Rows {
         Self {
             bases: by_name.iter().map(|_| OwnBases::default()).collect(),
             records: by_name.into_iter().map(|i| (i, samples(i))).collect(),
+            work: Work::default(),
         }
+    }
+
+    /// The same, counted there.
+    #[must_use]
+    pub fn counted_by(self, work: Work) -> Self {
+        Self { work, ..self }
+    }
+
+    /// What is simulated where a model goes along all records.
+    pub fn count_simulation(&self, model: &Model, dataset: &Dataset) {
+        let records = self.records.iter().map(|(i, _)| &dataset.records[*i]);
+        self.work.simulated(model, records);
     }
 
     /// Those records of which others do not have the same samples.
@@ -112,13 +128,19 @@ impl Rows {
         let (records, bases) = kept
             .map(|(of_record, bases)| (of_record.clone(), bases.clone()))
             .unzip();
-        Self { records, bases }
+        let work = self.work.clone();
+        Self {
+            records,
+            bases,
+            work,
+        }
     }
 
     /// Of each record what a model leaves of it, free of what it has of its own.
     #[must_use]
     pub fn residuals(&self, model: &Model, dataset: &Dataset) -> Vec<DVector<f64>> {
         let model = &*model.before_rounding();
+        self.count_simulation(model, dataset);
         parallel::map_indices(self.records.len(), |r| {
             let (i, samples) = &self.records[r];
             let record = &dataset.records[*i];
@@ -335,6 +357,7 @@ pub fn linearise_reusing(
             free,
             groups[*g],
             (*g == 0 && with_coefficients).then_some(&lanes),
+            &rows.work,
         )
     });
     let assembling = Assembling {
@@ -463,12 +486,16 @@ fn walk_part(
     free: &[ParameterIndex],
     group: &[usize],
     lanes: Option<&Vec<Option<usize>>>,
+    work: &Work,
 ) -> Part {
     let (variations, steps): (Vec<Variation>, Vec<f64>) =
         group.iter().map(|p| moved(model, free[*p])).unzip();
     let count = lanes
         .and_then(|lanes| lanes.iter().flatten().max())
         .map_or(0, |lane| lane + 1);
+    work.simulated(model, [record]);
+    work.varied(&variations, record);
+    work.by_coefficient(model, record, count);
     let nothing = || DVector::zeros(samples.count());
     let (mut reading, mut of_variations): (_, Vec<_>) =
         (nothing(), variations.iter().map(|_| nothing()).collect());

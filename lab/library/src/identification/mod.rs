@@ -5,6 +5,7 @@
 //!   record has of its own;
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
+//! * [`work`]: what all of these simulate, counted;
 //! * [`noise_floor`]: what remains random, and on which evidence;
 //! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a
 //!   coarse description cannot pose as a missing effect.
@@ -19,3 +20,4 @@ pub mod linearisation;
 pub mod noise_floor;
 pub mod nuisance_terms;
 pub mod uncertainty;
+pub mod work;

@@ -44,9 +44,14 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
             samples,
             share,
         } = limit;
+        // A filter or an interpolation mixes what stands at the limit into the readings beside it.
+        let with_neighbours = |run: Range<usize>, of: &Range<usize>| {
+            run.start.saturating_sub(1).max(of.start)..(run.end + 1).min(of.end)
+        };
         let there = |record: &Record| {
             runs_of_equals(record)
                 .filter(|run| record.displacement_um[run.start] == reading_um)
+                .map(|run| with_neighbours(run, &record.window))
                 .collect()
         };
         let left_out = records

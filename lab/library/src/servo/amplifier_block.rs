@@ -10,6 +10,7 @@
 use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
+use hysteron_core::loop_margin::{BAND_FRACTION_BITS, BANDS, LoopBands};
 use hysteron_core::parameter_block::{
     AmplifierParameters, BLOCK_BYTES, BlockError, PhysicalDescription, read, verify, write,
 };
@@ -22,8 +23,9 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 use crate::servo::design::ServoDesign;
-use crate::servo::model::ModeModel;
-use crate::servo::sampled_loop::SampledLoop;
+use crate::servo::law::PredictorDesign;
+use crate::servo::model::{LinearModel, ModeModel};
+use crate::servo::sampled_loop::{FrequencyGrid, SampledLoop};
 
 /// Sampling rate of an image that nothing else is known of, Hz.
 pub const USUAL_SAMPLE_RATE_HZ: u32 = 20_000;
@@ -264,6 +266,23 @@ fn guard(
     }
 }
 
+/// The largest `|T|` of a loop in each half-octave, on the model that it was designed for. What the board asks
+/// of a filter leaves the margin for plants that differ.
+fn loop_bands(law: &PredictorDesign, linear: &LinearModel) -> LoopBands {
+    let plant = linear.sampled();
+    let response = SampledLoop::new(law, &plant).response(&FrequencyGrid::by_octaves(linear));
+    let mut bands = [0.0f64; BANDS];
+    for point in &response.points {
+        let octaves = -(2.0 * point.hz * linear.period_s).log2();
+        let band = ((2.0 * octaves).max(0.0) as usize).min(BANDS - 1);
+        bands[band] = bands[band].max(point.transmission.norm());
+    }
+    let steps = f64::from(1u32 << BAND_FRACTION_BITS);
+    LoopBands {
+        transmission: bands.map(|size| (size * steps).ceil().clamp(0.0, 255.0) as u8),
+    }
+}
+
 /// A block for a design.
 ///
 /// # Errors
@@ -308,6 +327,7 @@ pub fn amplifier_parameters(
         physical: physical(front_end, &converters, radius),
         servo,
         guard: guard(front_end, &converters, jump_codes, tracking_error),
+        loop_bands: loop_bands(&law, &model.linear),
     };
     verify(&parameters, front_end.sample_rate_hz)
         .map_err(|error| Error::new("parameter block", error.reason()))?;
@@ -337,6 +357,7 @@ pub fn wiring_parameters(
             adaptation: None,
         },
         guard: guard(front_end, &converters, NO_SLEW_LIMIT, i32::MAX),
+        loop_bands: LoopBands::OPEN,
     };
     verify(&parameters, front_end.sample_rate_hz)
         .map_err(|error| Error::new("parameter block", error.reason()))?;

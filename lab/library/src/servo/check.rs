@@ -6,7 +6,7 @@ use super::from_rest::Beginning;
 use super::known::{ASSUMED_NOISE_UM, OnPlants, Reckoned, known_delay_s};
 use super::law::PredictorDesign;
 use super::loop_margins::{Loop, LoopMargins};
-use super::model::{ActuatorModel, NominalModel, required_model};
+use super::model::{ActuatorModel, NominalModel, first_falls_um, required_model};
 use super::plant_set::PlantVariation;
 use super::sampled_loop::{SampledLoop, used_poles};
 use super::thesis_conditions::{self, ContinuousConditions, pairs};
@@ -115,7 +115,8 @@ pub fn check_with(
         chain,
         reckoned: Reckoned::with_recording(chain, model.clone(), recording)?,
         delay_s: known_delay_s(chain),
-        ratio: gain_ratio(&design.model, &model, design.inverts_hysteresis()),
+        ratio: gain_ratio(&design.model, chain, design.inverts_hysteresis())
+            .ok_or("the loops of this model cannot be stepped by themselves")?,
         model,
     };
     let mut out = CheckResult {
@@ -355,49 +356,88 @@ fn all_inside(poles: &[Complex<f64>]) -> bool {
 }
 
 /// Gain of an actuator over the one that a design inverts, wherever the hysteresis may stand: least, that of
-/// the whole range, largest. Slopes are compared over steps of a sixteenth of the range: what a loop of that
-/// size feels.
+/// the whole range, largest; none where the loops of the chain cannot be stepped. Slopes are compared over
+/// steps of a sixteenth of the design's range: what a loop of that size feels. Those of the actuator are read
+/// from its chain, as polynomials that stand for other loops hold inside the chain's own range alone.
 #[must_use]
-pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bool) -> [f64; 3] {
+pub fn gain_ratio(design: &ActuatorModel, chain: &Model, inverted: bool) -> Option<[f64; 3]> {
     const STEPS: usize = 16;
-    let (of_design, of_actuator) = (design.surfaces(), actuator.surfaces());
-    let range_v = design.drive_max_v - design.drive_min_v;
+    let falls_um = first_falls_um(chain, [design.drive_min_v, design.drive_max_v], STEPS)?;
+    let actual = |turn: usize, down: usize| falls_um[turn][turn] - falls_um[turn][down];
+    let surfaces = design.surfaces();
     let share = |i: usize| i as f64 / STEPS as f64;
-    // The same voltages, as shares of the actuator's own range.
-    let there = |x: f64| {
-        (design.drive_min_v + x * range_v - actuator.drive_min_v)
-            / (actuator.drive_max_v - actuator.drive_min_v)
-    };
-    let mean_step_um = of_design.loop_loss(1.0, 0.0) / STEPS as f64;
+    let designed = |turn: usize, down: usize| surfaces.loop_loss(share(turn), share(down));
+    let mean_step_um = designed(STEPS, 0) / STEPS as f64;
     let mut ratio = [
         f64::INFINITY,
-        of_actuator.loop_loss(there(1.0), there(0.0)) / of_design.loop_loss(1.0, 0.0),
+        actual(STEPS, 0) / designed(STEPS, 0),
         f64::NEG_INFINITY,
     ];
-    let mut see = |step: &dyn Fn(bool) -> f64| {
-        let value = step(true) / if inverted { step(false) } else { mean_step_um };
+    let mut see = |from: (usize, usize), to: (usize, usize)| {
+        let actual_um = actual(to.0, to.1) - actual(from.0, from.1);
+        let inverted_um = if inverted {
+            designed(to.0, to.1) - designed(from.0, from.1)
+        } else {
+            mean_step_um
+        };
+        let value = actual_um / inverted_um;
         ratio[0] = ratio[0].min(value);
         ratio[2] = ratio[2].max(value);
     };
     for i in 1..=STEPS {
         for j in 0..i {
-            let loss = |x: f64, z: f64, actual: bool| {
-                if actual {
-                    of_actuator.loop_loss(there(x), there(z))
-                } else {
-                    of_design.loop_loss(x, z)
-                }
-            };
-            see(&|actual| loss(share(i), share(j), actual) - loss(share(i - 1), share(j), actual));
-            see(&|actual| loss(share(i), share(j), actual) - loss(share(i), share(j + 1), actual));
+            see((i - 1, j), (i, j));
+            see((i, j + 1), (i, j));
         }
     }
-    ratio
+    Some(ratio)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::model::actuator_model;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+
+    /// A stage of 0.1 um/V with two plays of 3 and 12 V, described over a range of drives.
+    fn with_kinks(range_v: f64) -> Model {
+        let overview = Overview {
+            range_um: 8.0,
+            ..Overview::without_data(0.0, range_v)
+        };
+        let plays = by_id("play_operators").unwrap().with_parameters(4).unwrap();
+        let mut surfaces = vec![0.0; by_id("hysteresis").unwrap().parameters(&overview).len()];
+        surfaces[0] = 0.1 * range_v;
+        let mut chain = Model::new(0.0, range_v);
+        let mut add = |effect, values: &[f64]| {
+            chain.add(EffectInstance::new(effect, &overview, values));
+        };
+        add(by_id("hysteresis").unwrap(), &surfaces);
+        add(by_id("vibration").unwrap(), &[5000.0, 0.5]);
+        add(
+            plays,
+            &[
+                0.02 * range_v,
+                3.0 / range_v,
+                0.01 * range_v,
+                12.0 / range_v,
+            ],
+        );
+        chain
+    }
+
+    #[test]
+    fn gain_of_kinks_is_the_same_over_any_range() {
+        let (wide, narrow) = (with_kinks(70.0), with_kinks(50.0));
+        let design = actuator_model(&wide).unwrap().for_the_tick().0;
+        let same = gain_ratio(&design, &wide, true).unwrap();
+        let other = gain_ratio(&design, &narrow, true).unwrap();
+        for (a, b) in same.into_iter().zip(other) {
+            assert!((a - b).abs() < 1e-9, "{same:?} {other:?}");
+        }
+        assert!(0.8 < same[0] && same[2] < 1.2, "{same:?}");
+    }
 
     fn found(stable: bool, poles: &[f64], unstable_because: Option<&str>) -> CheckResult {
         CheckResult {

@@ -3,7 +3,7 @@
 
 pub use super::creep::CreepTerm;
 use super::creep::{self, CreepPair};
-use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::chain::Model;
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
     Setting, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode,
@@ -430,7 +430,8 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
         creep_pair,
     };
     if ![gain::ID, hysteresis::ID].contains(&main.id.as_str()) {
-        let loops = first_falls_um(main, chain)?;
+        let range_v = [chain.drive_min_v, chain.drive_max_v];
+        let loops = first_falls_um(chain, range_v, LOOP_GRID)?;
         let at = |x: f64| (x * LOOP_GRID as f64).round() as usize;
         // On a first rise to x and down to z the output is R(x) + G(x, 0) - G(x, z).
         let fallen = |x: f64, z: f64| loops[at(x)][at(x)] - loops[at(x)][at(z)];
@@ -460,33 +461,35 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
 }
 
 /// Outputs on the way down from a first rise: by the input where it turned, then by the input on the way
-/// down, in steps of the grid; um above the virgin state. None where the structure cannot be stepped by
-/// itself.
-fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>> {
+/// down, in so many steps of a range of drives; um above where the rise began. None where the structure cannot
+/// be stepped by itself.
+pub(super) fn first_falls_um(
+    chain: &Model,
+    [from_v, to_v]: [f64; 2],
+    steps: usize,
+) -> Option<Vec<Vec<f64>>> {
+    let drive_v = |k: usize| from_v + (to_v - from_v) * k as f64 / steps as f64;
+    if let Some(gain) = chain.values(gain::ID) {
+        let along = |turn: usize| {
+            (0..=turn)
+                .map(|k| gain[0] * (drive_v(k) - from_v))
+                .collect()
+        };
+        return Some((0..=steps).map(along).collect());
+    }
+    let main = (chain.effects.iter()).find(|e| e.effect.declaration().is_main())?;
     // So slow that nothing of the loops depends on the rate.
     let setting = Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, 1.0);
-    let drive_v = |k: usize| {
-        chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64
-    };
-    (0..=LOOP_GRID)
+    (0..=steps)
         .map(|turn| {
             let mut loops = main.loops(chain, &setting)?;
-            let zero_um = loops.step(0, drive_v(0));
-            (1..=turn).for_each(|k| {
-                loops.step(0, drive_v(k));
-            });
-            let mut fall: Vec<f64> = (0..turn)
-                .rev()
-                .map(|k| loops.step(0, drive_v(k)) - zero_um)
+            let zero_um = loops.step(0, from_v);
+            let risen_um = (0..=turn).map(|k| loops.step(0, drive_v(k))).last()?;
+            let mut fall: Vec<f64> = std::iter::once(risen_um)
+                .chain((0..turn).rev().map(|k| loops.step(0, drive_v(k))))
+                .map(|out_um| out_um - zero_um)
                 .collect();
             fall.reverse();
-            let mut risen = main.loops(chain, &setting)?;
-            let top = (0..=turn)
-                .map(|k| risen.step(0, drive_v(k)))
-                .last()
-                .unwrap_or(zero_um)
-                - zero_um;
-            fall.push(top);
             Some(fall)
         })
         .collect()
@@ -495,6 +498,7 @@ fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hysteron_sim::chain::EffectInstance;
     use hysteron_sim::effect::{Overview, by_id};
 
     fn with_loops(id: &str, values: &[f64]) -> Model {
@@ -530,7 +534,7 @@ mod tests {
             let chain = with_loops(id, values);
             let model = required_model(&chain).unwrap();
             let surfaces = model.surfaces();
-            let loops = first_falls_um(&chain.effects[0], &chain).unwrap();
+            let loops = first_falls_um(&chain, [0.0, 80.0], LOOP_GRID).unwrap();
             for turn in 1..=LOOP_GRID {
                 let x = turn as f64 / LOOP_GRID as f64;
                 let rise = surfaces.initial_ascending_curve(x);

@@ -4,6 +4,7 @@
 use super::amplifier_block::FrontEnd;
 use super::assessment::Assessment;
 use super::candidate::{Candidate, Scan};
+use super::check::gain_ratio;
 use super::data_of_stage::require_same_stage;
 use super::design::{DesignBasis, Scheme, ServoDesign, undominated};
 use super::explanation::{ScanWords, shortcomings, where_the_mode_moves};
@@ -18,7 +19,7 @@ use super::model::{ActuatorModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::FARTHEST;
 use super::quantise::QuantisationError;
 use super::robust::{Task, within_nyquist};
-use super::schemes::{self, SchemeChoice, left_without_inverse_um};
+use super::schemes::{self, LARGEST_OVER_RMS, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
 use super::tuning::{Demands, PredictorTuning};
 use crate::dataset::Dataset;
@@ -87,8 +88,8 @@ impl Default for DesignOrder<'_> {
     }
 }
 
-/// Surfaces for the tick may differ from the model's by this share of the travel.
-const PROJECTION_ALLOWED: f64 = 0.005;
+/// Gains over the model's at which every design holds ([`super::robust`]).
+const GAIN_HELD: [f64; 2] = [0.5, 1.5];
 
 /// Whether references of a loop with this sampling period, s, can have so high a frequency, Hz, whatever the
 /// actuator.
@@ -208,30 +209,31 @@ fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), Stri
     Ok(())
 }
 
-/// The model in the formats of the tick, with what it cost.
-fn formatted(model: &ActuatorModel, said: &mut Vec<String>) -> Result<ActuatorModel, String> {
+/// The model in the formats of the tick, and how far that moves its surfaces, um. What an inverse of other
+/// slopes makes of the gain must stay within what every design holds.
+fn formatted(
+    chain: &Model,
+    model: &ActuatorModel,
+    inverse: bool,
+) -> Result<(ActuatorModel, f64), String> {
     let (fitted, error_um) = model.for_the_tick();
-    let travel_um = model.reach_um();
-    if error_um > PROJECTION_ALLOWED * travel_um {
-        return Err(format!(
-            "the hysteresis surfaces do not fit the tick's polynomials of degree 4: bringing them there moves them by {:.0} nm, {:.1} % of the travel of {travel_um:.2} um; identify with nested loops over the whole range",
-            1e3 * error_um,
-            100.0 * error_um / travel_um
-        ));
-    }
-    if error_um > 0.0 {
-        said.push(format!(
-            "The model's hysteresis surfaces are of a higher degree or larger than the tick evaluates; bringing them to its formats moves them by at most {:.1} nm.",
-            1e3 * error_um
-        ));
+    if !inverse {
+        return Ok((fitted, error_um));
     }
     let (least, _) = fitted.slope_range();
     if least.is_nan() || least <= 0.0 {
         return Err(format!(
-            "the hysteresis cannot be inverted: a section of a loop has a slope of {least:.2} times the mean one; record nested loops over the whole range"
+            "the hysteresis cannot be inverted: a section of a loop has a slope of {least:.2} times the mean one; record nested loops over the whole range, or leave the loops to the feedback (--no-inverse)"
         ));
     }
-    Ok(fitted)
+    let [least, _, largest] = gain_ratio(&fitted, chain, true).unwrap_or([f64::NAN; 3]);
+    let [low, high] = GAIN_HELD;
+    if !(least >= low && largest <= high) {
+        return Err(format!(
+            "the tick's polynomials of degree 4 do not follow the kinks of these loops: there the gain would be {least:.2} to {largest:.2} times the one that is inverted, and a design holds from {low} to {high}; leave the loops to the feedback (--no-inverse)"
+        ));
+    }
+    Ok((fitted, error_um))
 }
 
 /// The servo's converters, if the actuator is within them.
@@ -316,11 +318,17 @@ fn lag_to_undo(
     Some(lag_s)
 }
 
-/// The model of an actuator for which a servo can be computed, whatever is asked of it.
+/// Whether a servo can be computed for the model of an actuator, with an inverse of its loops.
 ///
 /// # Errors
-/// What the chain has that no loop knows beforehand, or lacks, or that it moves against its drive.
-pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
+/// What the chain has that no loop knows beforehand, or lacks, that it moves against its drive, or that its
+/// loops have no inverse in the tick.
+pub fn designable(chain: &Model) -> Result<(), String> {
+    formatted(chain, &known_model(chain)?, true).map(|_| ())
+}
+
+/// What a design knows of a chain, whatever is asked of it.
+fn known_model(chain: &Model) -> Result<ActuatorModel, String> {
     require_known_in_a_loop(chain)?;
     let model = required_model(chain)?;
     let travel_um = model.reach_um();
@@ -410,7 +418,7 @@ fn ordered_learning(
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
 pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, String> {
-    let mut model = designable(chain)?;
+    let mut model = known_model(chain)?;
     model.linear.period_s = order
         .front_end
         .map_or(SAMPLING_PERIOD_S, FrontEnd::period_s);
@@ -419,7 +427,13 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         require_same_stage(chain, dataset)?;
     }
     let mut said = Vec::new();
-    let model = formatted(&model, &mut said)?;
+    let (model, moved_um) = formatted(chain, &model, order.inverse)?;
+    if moved_um > 0.0 && order.inverse {
+        said.push(format!(
+            "The tick's polynomials of degree 4 stand for the model's loops, at most {:.1} nm off; the feedback takes that.",
+            1e3 * moved_um
+        ));
+    }
     let scale = converters(order, &model)?;
     let Known {
         model,
@@ -450,7 +464,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         sensor_noise_um,
         sensitivity_peak,
         usual_margins,
-        ..Demands::default()
+        model_error_um: (Demands::default().model_error_um).max(moved_um / LARGEST_OVER_RMS),
     };
     let basis = DesignBasis {
         demands,

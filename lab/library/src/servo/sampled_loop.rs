@@ -147,6 +147,19 @@ impl FrequencyGrid {
     /// Even steps up to half the sampling rate, and close together about every mode.
     #[must_use]
     pub fn about_modes(linear: &LinearModel) -> Self {
+        Self::ascending(Self::near_modes(linear), linear.period_s)
+    }
+
+    /// What [`FrequencyGrid::about_modes`] has, and steps of a sixteenth of an octave, so that every
+    /// half-octave down to a thousandth of the sampling rate has some.
+    #[must_use]
+    pub fn by_octaves(linear: &LinearModel) -> Self {
+        let mut hz = Self::near_modes(linear);
+        hz.extend((1..170).map(|i| 0.5 / linear.period_s * 2f64.powf(-f64::from(i) / 16.0)));
+        Self::ascending(hz, linear.period_s)
+    }
+
+    fn near_modes(linear: &LinearModel) -> Vec<f64> {
         let highest_hz = 0.5 / linear.period_s;
         let mut hz: Vec<f64> = (1..400)
             .map(|i| highest_hz * f64::from(i) / 400.0)
@@ -157,6 +170,11 @@ impl FrequencyGrid {
             let step = 0.5 * mode.damping_ratio.min(0.1);
             hz.extend((-12..=12).map(|i| natural_hz * (1.0 + step * f64::from(i))));
         }
+        hz
+    }
+
+    fn ascending(mut hz: Vec<f64>, period_s: f64) -> Self {
+        let highest_hz = 0.5 / period_s;
         hz.retain(|hz| *hz > 0.0 && *hz < highest_hz);
         hz.sort_by(f64::total_cmp);
         let below = std::iter::once(0.0).chain(hz.iter().copied());

@@ -87,7 +87,7 @@ pub fn left_without_inverse_um(model: &ActuatorModel) -> (f64, f64) {
 }
 
 /// What an inverted hysteresis leaves of itself at most, over its RMS error: three standard deviations.
-const LARGEST_OVER_RMS: f64 = 3.0;
+pub(super) const LARGEST_OVER_RMS: f64 = 3.0;
 
 /// Bound of the unknown input, V (Ch. 6, Eq. 13): the hysteresis that is not inverted, or the error of its
 /// model, and the creep.

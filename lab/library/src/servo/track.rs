@@ -277,6 +277,47 @@ fn fitting_converters(design: &ServoDesign) -> ConverterScale {
     )
 }
 
+/// A cycle over the whole range, and a rest of a second at the lowest drive.
+fn conditioning_v(design: &ServoDesign) -> Vec<f64> {
+    let (fs, model) = (1.0 / design.period_s(), &design.model);
+    waveform::concatenate(&[
+        waveform::raised_cosine(fs, 10.0, model.drive_min_v, model.drive_max_v, 1),
+        waveform::hold(fs, model.drive_min_v, 1.0),
+    ])
+}
+
+/// A servo that somebody else's loop asks tick by tick, behind the converters of [`track`].
+pub struct RunningServo {
+    servo: ServoTick,
+    scale: ConverterScale,
+}
+
+impl RunningServo {
+    /// Closes the loop on a stage that was conditioned and rests at its lowest drive. Readings count from there.
+    ///
+    /// # Errors
+    /// The number that does not fit the servo's formats.
+    pub fn new(design: &ServoDesign) -> Result<Self, QuantisationError> {
+        let scale = fitting_converters(design);
+        let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
+        for drive_v in conditioning_v(design) {
+            servo.open_loop(scale.dac_code(drive_v));
+        }
+        let scale = scale.zeroed_at(0.0);
+        servo.take_scale(&scale);
+        Controller::enable(&mut servo);
+        Ok(Self { servo, scale })
+    }
+
+    /// A reading, um, and the reference so many ticks ahead as [`PREVIEW_TICKS`], um, give the drive that acts
+    /// in the next period, V.
+    pub fn tick(&mut self, reading_um: f64, ahead_um: f64) -> f64 {
+        let code = self.scale.adc_code(reading_um);
+        let code = Controller::tick(&mut self.servo, code, ahead_um);
+        self.scale.drive_v(code)
+    }
+}
+
 /// The timing of a run, behind what the plant is.
 fn timing_in_words(design: &ServoDesign) -> String {
     let scale = fitting_converters(design);
@@ -383,15 +424,9 @@ pub fn track_plant(
     let external_um = disturbance.map_or_else(Vec::new, |d| {
         d.samples_um(reference_um.len(), from, period_s)
     });
-    let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
     let scale = fitting_converters(design);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
-    let fs = 1.0 / period_s;
-    let conditioning = waveform::concatenate(&[
-        waveform::raised_cosine(fs, 10.0, low_v, high_v, 1),
-        waveform::hold(fs, low_v, 1.0),
-    ]);
-    condition(plant, &mut servo, &scale, &conditioning);
+    condition(plant, &mut servo, &scale, &conditioning_v(design));
     let around = Surroundings {
         scale: scale.zeroed_at(plant.sensor_um()),
         noise_um,

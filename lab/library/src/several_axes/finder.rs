@@ -11,6 +11,7 @@ use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
+use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::error::{Error, Result};
 use crate::least_squares::damped_solution;
 use crate::parallel;
@@ -144,7 +145,7 @@ pub fn find(
     let mut steps = Vec::new();
     while model.effects.len() < policy.effects_max
         && !search.at_the_noise(&judged)
-        && !watch.searched_enough()
+        && watch.time_used() < SEARCH_ENDS_AT
     {
         let names: Vec<String> = steps
             .iter()

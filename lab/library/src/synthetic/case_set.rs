@@ -5,7 +5,9 @@ use crate::parallel;
 use crate::synthetic::case::{
     CaseOrder, OUTSIDE_LIBRARY, SyntheticCase, Truth, belongs_to_surfaces, simulate_case,
 };
-use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, registry, vibration};
+use hysteron_sim::effect::{
+    Place, Planted, by_id, creep, hysteresis, initial_curve, registry, vibration,
+};
 
 /// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the
 /// chain.
@@ -74,7 +76,15 @@ fn base_of(hidden: &[String], number: usize) -> Vec<String> {
         .flat_map(|e| e.declaration().comes_with)
         .copied()
         .collect();
-    let excluded = |id: &str| hidden.iter().any(|h| h == id) || with_hidden.contains(&id);
+    let place = |id: &str| by_id(id).map(|e| e.declaration().place);
+    let hides_loops = hidden
+        .iter()
+        .any(|id| by_id(id).is_some_and(|e| e.declaration().is_main()));
+    let excluded = |id: &str| {
+        hidden.iter().any(|h| h == id)
+            || with_hidden.contains(&id)
+            || hides_loops && place(id) == Some(Place::Hysteresis)
+    };
     base.into_iter()
         .filter(|id| !excluded(id))
         .map(String::from)

@@ -4,12 +4,13 @@
 //! Needs python3 with NumPy (or another interpreter, named by `HYSTERON_PYTHON`), octave-cli and cc:
 //! `apt-get install python3-numpy octave gcc`.
 
-use hysteron::export::{Language, export};
+use hysteron::export::{Language, export, inverse};
 use hysteron::model_file::{own_effect, to_toml};
 use hysteron::origin::{Initial, Way};
 use hysteron_sim::chain::{Drive, EffectInstance, Identified, InitialState, Model};
 use hysteron_sim::effect::{FreeMotion, Overview, by_id};
 use hysteron_sim::intersample::Intersample;
+use hysteron_sim::loop_inverse::LoopInverse;
 use hysteron_sim::physics::{RecordStart, Recorded};
 use std::path::Path;
 use std::process::Command;
@@ -21,7 +22,7 @@ const SAMPLES: usize = 500;
 type Case = (&'static str, f64, &'static [(&'static str, &'static [f64])]);
 
 /// Chains that have every block between them, each at a sampling rate.
-const CASES: [Case; 9] = [
+const CASES: [Case; 10] = [
     (
         "loops_mode_creep",
         20_000.0,
@@ -119,6 +120,21 @@ const CASES: [Case; 9] = [
             ("vibration", &[3900.0, 0.03]),
             ("creep_pole_pair", &[0.01, 0.002, 40.0, 0.3]),
             ("thermal_drift", &[0.5, 0.0]),
+        ],
+    ),
+    (
+        "activated_with_bias",
+        10_000.0,
+        &[
+            (
+                "activated_switching",
+                &[
+                    0.04, 0.6, 5.0, 0.3, -0.2, 2.0, 0.5, -0.3, 0.2, 0.1, -1.0, 0.4, 0.3, -0.1, 0.2,
+                    0.5,
+                ],
+            ),
+            ("bias_dependent_gain", &[0.02, 0.01]),
+            ("vibration", &[3900.0, 0.03]),
         ],
     ),
     (
@@ -478,6 +494,70 @@ fn c_with_fixed_memory_reads_what_the_program_reads() {
         let printed = c_prints(folder.path(), &text, way, &main);
         same(way, &printed, &predicted(&model, rate_hz));
     }
+}
+
+/// Chains whose loops have an inverse: surfaces, plays, slip elements and two differential equations.
+const INVERTED: [&str; 5] = [
+    "loops_mode_creep",
+    "charge_gap_and_force",
+    "slip_and_delay",
+    "glide_before_a_sensor",
+    "plays_beside",
+];
+
+/// Wanted displacements that Octave takes.
+const IN_OCTAVE: usize = 60;
+
+/// Wanted displacements, which turn inside one another, and the drives that the program finds for them.
+fn inverted(model: &Model, rate_hz: f64) -> (Vec<f64>, Vec<f64>) {
+    let mut found = LoopInverse::from_model(model, 1.0 / rate_hz).unwrap();
+    let wanted = |k: usize| {
+        let t = k as f64;
+        3.0 + 2.0 * (0.06 * t).sin() * (0.011 * t).cos() + 0.5 * (0.4 * t).sin()
+    };
+    let wanted: Vec<f64> = (0..SAMPLES).map(wanted).collect();
+    let drives = wanted.iter().map(|um| found.step(*um).drive_v).collect();
+    (wanted, drives)
+}
+
+#[test]
+fn the_inverse_in_c_and_octave_finds_the_drives_of_the_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut script, mut expected) = (String::new(), Vec::new());
+    for name in INVERTED {
+        let (_, rate_hz, effects) = CASES.into_iter().find(|case| case.0 == name).unwrap();
+        let mut model = model(effects);
+        model.effects.retain(|e| e.id != "rate_dependence");
+        let (wanted, drives) = inverted(&model, rate_hz);
+        let lines = |values: &[f64]| {
+            values
+                .iter()
+                .map(|v| format!("{v:?}\n"))
+                .collect::<String>()
+        };
+        for file in ["drive.txt", "force.txt"] {
+            std::fs::write(folder.path().join(file), lines(&wanted)).unwrap();
+        }
+        std::fs::write(folder.path().join(format!("{name}.txt")), lines(&wanted)).unwrap();
+        let text = inverse(&model, Language::C, rate_hz, name).unwrap();
+        let main = format!(
+            "    {name}_init(&m);\n    for (int k = 0; k < {SAMPLES}; k++) printf(\"%.17g\\n\", {name}_step(&m, u[k]));\n    (void)f;\n"
+        );
+        same(name, &c_prints(folder.path(), &text, name, &main), &drives);
+        let text = inverse(&model, Language::Matlab, rate_hz, name).unwrap();
+        std::fs::write(folder.path().join(format!("{name}.m")), text).unwrap();
+        // Octave interprets every halving: some turns are enough.
+        script +=
+            &format!("w = load('{name}.txt'); printf('%.17g\\n', {name}(w(1:{IN_OCTAVE})));\n");
+        expected.extend(&drives[..IN_OCTAVE]);
+    }
+    std::fs::write(folder.path().join("compare_all.m"), script).unwrap();
+    let arguments = ["--no-gui", "--norc", "compare_all.m"];
+    same(
+        "octave",
+        &run(folder.path(), "octave-cli", &arguments),
+        &expected,
+    );
 }
 
 /// The sampled matrices of a linear model, driven from rest, against the program.

@@ -4,7 +4,7 @@
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
 use hysteron::model_file::effects_named;
-use hysteron::outcome::{Finding, Standing, Verdict};
+use hysteron::outcome::{Evidence, Finding, Standing, Verdict};
 use hysteron::synthetic::case::{CaseOrder, simulate_case};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -45,13 +45,38 @@ fn explained_as_read(
     drives: [Vec<f64>; 2],
 ) -> Outcome {
     let dataset = read(noise_um, as_read, reads, drives);
-    analyse(
+    let found = analyse(
         &dataset,
         Start::Effects(&effects_named("gain").unwrap()),
         &Options::default(),
         &Unwatched,
     )
-    .unwrap()
+    .unwrap();
+    each_name_does_better_with_it(&found);
+    found
+}
+
+/// The evidence beside every name: on no side is the best model without it better by what matters, and on one
+/// it is worse by that.
+fn each_name_does_better_with_it(found: &Outcome) {
+    for finding in &found.diagnosis.findings {
+        let Evidence::Models { without, with, .. } = finding.evidence else {
+            continue;
+        };
+        let held_out = with.validate.zip(without.validate);
+        let sides: Vec<(f64, f64)> = held_out
+            .into_iter()
+            .chain([(with.identify, without.identify)])
+            .collect();
+        let better = |(a, b): &(f64, f64)| 1.04 * a * a < b * b;
+        assert!(
+            sides.iter().any(better)
+                && !sides
+                    .iter()
+                    .any(|(with, without)| better(&(*without, *with))),
+            "{finding:?}"
+        );
+    }
 }
 
 /// What is read so.

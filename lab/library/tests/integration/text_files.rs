@@ -320,6 +320,29 @@ fn columns_without_names_are_known_by_what_they_do() {
         &text,
         &["2 columns may be the drive: column `u [v]` is taken"],
     );
+    // A second sensor of half the gain; of equals the first is read.
+    let with_sensors = |header: &str| {
+        let row = |[t, u, y]: &[f64; 3]| format!("{t:.4},{u:.6},{y:.6},{:.6}", 0.5 * y);
+        format!("{header}\n{}", rows(row))
+    };
+    gives(
+        "a.csv",
+        with_sensors("t_s,u_v,y_um,sensor_b"),
+        &[
+            "column `sensor_b` may be the displacement as well: column `y [um]` is taken; to take the other: --columns y=4",
+        ],
+    );
+    gives(
+        "a.csv",
+        with_sensors("t_s,u_v,sensor_a_um,sensor_b_um"),
+        &["2 columns may be the displacement: column `sensor_a [um]` is taken"],
+    );
+    let warm = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.3}", 21.0 + t));
+    gives(
+        "a.csv",
+        format!("t_s,u_v,y_um,temperature_c\n{warm}"),
+        &["looks like a temperature; --auxiliary temperature=4"],
+    );
     let exchanged = format!("t_s,y_um,u_v\n{}", plain(","));
     let notes = from_file("a.csv", exchanged.as_bytes())
         .unwrap()
@@ -614,6 +637,14 @@ fn damage_is_told_with_its_place() {
     ] {
         refused("a.csv", &text, words);
     }
+    // All of them at once.
+    let mut lines: Vec<&str> = good.lines().collect();
+    (lines[40], lines[50], lines[59]) = ("0.0195,NaN,1.0", "0.0245,NaN,1.0", "0.0290,1.0,inf");
+    refused(
+        "a.csv",
+        lines.join("\n"),
+        &["row 41", "NaN, and in 2 more rows up to row 60"],
+    );
     let mut flipped = good.clone().into_bytes();
     flipped[2000] ^= 0x80;
     assert!(from_file("a.csv", &flipped).is_err());

@@ -254,16 +254,20 @@ fn explained(dataset: &Dataset, from: &str) -> Outcome {
 
 const MODE: (&str, &[f64]) = ("vibration", &[1500.0, 0.1]);
 
-/// A search that has its time for so many looks at the clock.
-struct LooksAtTheClock {
+/// Time that is over once so many models were tried.
+struct TimeByTrials {
     most: usize,
-    taken: AtomicUsize,
+    tried: AtomicUsize,
 }
 
-impl Watch for LooksAtTheClock {
-    fn event(&self, _event: &WatchEvent<'_>) {}
-    fn searched_enough(&self) -> bool {
-        self.taken.fetch_add(1, Ordering::Relaxed) >= self.most
+impl Watch for TimeByTrials {
+    fn event(&self, event: &WatchEvent<'_>) {
+        if matches!(event, WatchEvent::Tried { .. }) {
+            self.tried.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+    fn time_used(&self) -> f64 {
+        f64::from(self.tried.load(Ordering::Relaxed) >= self.most)
     }
 }
 
@@ -273,9 +277,9 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
     let dataset = recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true);
     let gain = effects_named("gain").unwrap();
     let within = |most: usize| {
-        let watch = LooksAtTheClock {
+        let watch = TimeByTrials {
             most,
-            taken: AtomicUsize::new(0),
+            tried: AtomicUsize::new(0),
         };
         analyse(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
     };
@@ -305,7 +309,7 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         "{}",
         d.sentence
     );
-    let all = within(100);
+    let all = within(usize::MAX);
     assert_eq!(
         (all.diagnosis.verdict, &all.diagnosis.named),
         (Verdict::Named, &vec!["vibration".to_owned()]),
@@ -320,6 +324,25 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         "{:?}",
         all.floor.warnings
     );
+}
+
+/// A budget of steps is kept, and the same one brings the same answer.
+#[test]
+fn a_search_keeps_to_its_steps_and_ends_alike() {
+    let dataset = recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true);
+    let gain = effects_named("gain").unwrap();
+    let with = |most_steps: f64| {
+        let mut options = Options::default();
+        options.policy.most_steps = most_steps;
+        let found = analyse(&dataset, Start::Effects(&gain), &options, &Unwatched).unwrap();
+        (found.work.steps(), found.diagnosis.sentence)
+    };
+    let (whole, _) = with(f64::INFINITY);
+    let most = 0.5 * whole as f64;
+    let half = with(most);
+    // A round that begins within its share comes to its end, and here there are few.
+    assert!(10 * half.0 < 8 * whole, "{} of {whole}", half.0);
+    assert_eq!(half, with(most));
 }
 
 #[test]

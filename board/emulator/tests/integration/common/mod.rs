@@ -13,6 +13,7 @@ use hysteron_core::learned_feedforward::{
     LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS,
     ROBUSTNESS_TAPS,
 };
+use hysteron_core::loop_margin::LoopBands;
 use hysteron_core::parameter_block::{
     AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write,
 };
@@ -96,6 +97,7 @@ pub fn parameters() -> AmplifierParameters {
             rest_code: converters.dac_code_min,
             healthy_ticks: 2000,
         },
+        loop_bands: LoopBands::UNKNOWN,
     }
 }
 

@@ -258,6 +258,8 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
     // Where a column ended before the others.
     let mut ended: Vec<Option<usize>> = vec![None; form.numbers.len()];
     let (mut with_point, mut with_comma) = (None, None);
+    // The first value that is not finite, how many rows more hold one, and the last of them.
+    let mut not_finite: Option<(String, usize, usize)> = None;
     let mut row = 0;
     for &(line, text) in lines {
         if text.starts_with(['#', '%']) {
@@ -295,10 +297,9 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
                 return wrong(format!(", {}: \"{cell}\" is not a number", column.called()));
             };
             if !value.is_finite() {
-                return wrong(format!(
-                    ", {}: {cell}; expected a finite number",
-                    column.called()
-                ));
+                let first = || (format!("row {line}, {}: {cell}", column.called()), 0, line);
+                let (_, more, last) = not_finite.get_or_insert_with(first);
+                (*more, *last) = (*more + usize::from(*last != line), line);
             }
             if cell.contains('.') {
                 with_point.get_or_insert(line);
@@ -322,6 +323,17 @@ fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Resu
             table.lines.push((row, line));
         }
         row += 1;
+    }
+    if let Some((first, more, last)) = not_finite {
+        let others = match more {
+            0 => String::new(),
+            1 => format!(", and in row {last}"),
+            _ => format!(", and in {more} more rows up to row {last}"),
+        };
+        return Err(Error::new(
+            place,
+            format!("{first}{others}; expected a finite number"),
+        ));
     }
     if with_comma.is_some() {
         table.notes.push(format!(

@@ -1,0 +1,133 @@
+//! What a diagnosis may cost: steps of simulation, which end it at the same place on every machine, and below
+//! that the time that the caller gives.
+
+use crate::identification::work::{Stage, Work};
+use crate::watch::{Watch, WatchEvent};
+
+/// Share of the budget that a search may take, and that is used when what would be named has been tested. In
+/// the rest come evidence, the last fit and the checks that need a model.
+pub const SEARCH_ENDS_AT: f64 = 0.5;
+const TESTS_END_AT: f64 = 0.8;
+/// Share of the time after which a fit for the report goes no further.
+const FITS_END_AT: f64 = 0.95;
+
+/// The budget of one diagnosis; clones share it.
+#[derive(Clone)]
+pub struct Budget<'w> {
+    /// What was simulated.
+    pub work: Work,
+    most_steps: f64,
+    watch: &'w dyn Watch,
+    /// Share of the caller's time that was over when it began.
+    over_before: f64,
+}
+
+impl<'w> Budget<'w> {
+    /// A budget from now on.
+    #[must_use]
+    pub fn new(most_steps: f64, watch: &'w dyn Watch) -> Self {
+        Self {
+            work: Work::default(),
+            most_steps,
+            watch,
+            over_before: watch.time_used().min(1.0),
+        }
+    }
+
+    /// The share of the caller's time that is used since it began.
+    fn time_used(&self) -> f64 {
+        let left = 1.0 - self.over_before;
+        if left > 0.0 {
+            (self.watch.time_used() - self.over_before) / left
+        } else {
+            1.0
+        }
+    }
+
+    /// The share of the budget at which the present stage ends.
+    fn stage_ends_at(&self) -> f64 {
+        match self.work.stage() {
+            Stage::Start | Stage::Search | Stage::BeginningAgain => SEARCH_ENDS_AT,
+            Stage::Closure | Stage::Ablation => TESTS_END_AT,
+            Stage::Report => FITS_END_AT,
+        }
+    }
+
+    /// Whether the present stage has had its share of steps or of time. Asked between fits: what is simulated
+    /// by then is the same in every run. Reports how much of the whole is used.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        let of_steps = self.work.steps() as f64 / self.most_steps;
+        let share = of_steps.max(self.time_used());
+        self.watch.event(&WatchEvent::Used {
+            share: share.clamp(0.0, 1.0),
+        });
+        share >= self.stage_ends_at()
+    }
+
+    /// Whether the caller's time for the present stage is over: asked within fits as well.
+    #[must_use]
+    pub fn time_is_over(&self) -> bool {
+        self.time_used() >= self.stage_ends_at()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Record;
+    use crate::watch::Unwatched;
+    use hysteron_sim::chain::{EffectInstance, Model};
+    use hysteron_sim::effect::{Overview, by_id};
+
+    /// Counts so many steps of a gain.
+    fn spend(work: &Work, steps: usize) {
+        let mut model = Model::new(0.0, 1.0);
+        let overview = Overview::without_data(0.0, 1.0);
+        model.add(EffectInstance::new(by_id("gain").unwrap(), &overview, &[]));
+        let drive_v = vec![0.0; steps];
+        work.simulated(
+            &model,
+            [&Record::new("r", 1000.0, drive_v.clone(), drive_v)],
+        );
+    }
+
+    #[test]
+    fn a_stage_ends_with_its_share_of_the_steps() {
+        let budget = Budget::new(1000.0, &Unwatched);
+        budget.work.enter(Stage::Search);
+        spend(&budget.work, 499);
+        assert!(!budget.is_over());
+        spend(&budget.work, 1);
+        assert!(budget.is_over() && !budget.time_is_over());
+        budget.work.enter(Stage::Ablation);
+        assert!(!budget.is_over());
+        spend(&budget.work, 300);
+        assert!(budget.is_over());
+        assert_eq!(budget.work.of_stage(Stage::Ablation), [300, 0, 0]);
+    }
+
+    /// So much of the caller's time is over, whatever was simulated.
+    struct TimeUsed(f64);
+
+    impl Watch for TimeUsed {
+        fn event(&self, _event: &WatchEvent<'_>) {}
+        fn time_used(&self) -> f64 {
+            self.0
+        }
+    }
+
+    #[test]
+    fn a_second_run_has_the_rest_of_the_time() {
+        let second = |over_before: f64, now: f64| {
+            let watch = TimeUsed(now);
+            let budget = Budget {
+                over_before,
+                ..Budget::new(1e9, &watch)
+            };
+            budget.is_over()
+        };
+        assert!(second(0.0, 0.5) && !second(0.4, 0.6) && second(0.4, 0.8));
+        assert!(second(1.0, 1.0));
+    }
+}
