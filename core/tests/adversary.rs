@@ -313,8 +313,10 @@ fn an_adversary_neither_moves_nor_swings_the_stage() {
     attack(0..8, 125_000);
 }
 
-#[test]
-#[ignore = "10^7 ticks, ten seconds"]
-fn an_adversary_of_ten_million_ticks_neither_moves_nor_swings_the_stage() {
-    attack(100..120, 500_000);
+mod long {
+    #[test]
+    #[ignore = "10^7 ticks, for cargo xtask full"]
+    fn an_adversary_of_ten_million_ticks_neither_moves_nor_swings_the_stage() {
+        super::attack(100..120, 500_000);
+    }
 }

@@ -29,7 +29,7 @@ pub struct SavedModel {
     pub simulated_whole_um: f64,
     /// Share of the samples that judged inside the band.
     pub inside: f64,
-    /// Median of half of the width of the band over the error.
+    /// Median of half of the width of the band over the error of `simulate`.
     pub band_over_error: f64,
 }
 
@@ -113,7 +113,7 @@ pub fn saved_model(
             .half_band_um
             .as_ref()
             .map_or(f64::NAN, |band| band[*k]);
-        widths.push(half_um / error_um);
+        widths.push(half_um / rms(&left));
         inside += usize::from(off(*k).abs() <= half_um);
     }
     widths.sort_by(f64::total_cmp);

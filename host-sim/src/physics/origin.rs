@@ -23,8 +23,11 @@ pub struct Identified {
     pub factor: Vec<Vec<f64>>,
     /// The error that judged the model, um.
     pub error_um: f64,
-    /// Within so many times that error, to either side, lie 95 % of the samples that judged.
+    /// So many times the width that error and spread of the values make together hold 95 % of the samples that
+    /// judged, to either side.
     pub band_95: f64,
+    /// Share of the spread that these samples leave room for; zero where nobody looked.
+    pub spread_share: f64,
     /// Longest record, s.
     pub seconds: f64,
     /// Lowest drive, V.

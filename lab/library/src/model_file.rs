@@ -42,6 +42,8 @@ struct IdentifiedEntry {
     slope_max_v_s: f64,
     #[serde(default)]
     band_95: f64,
+    #[serde(default)]
+    spread_share: f64,
     #[serde(default, skip_serializing_if = "String::is_empty")]
     fitted_on: String,
     #[serde(default)]
@@ -153,6 +155,7 @@ impl IdentifiedEntry {
         let recorded = &known.recorded;
         Self {
             band_95: known.band_95,
+            spread_share: known.spread_share,
             fitted_on: recorded.fitted_on.clone(),
             sample_rate_hz: recorded.sample_rate_hz,
             timing: timing_of(recorded).name().into(),
@@ -209,6 +212,7 @@ impl IdentifiedEntry {
             factor,
             error_um: self.error_um,
             band_95: self.band_95,
+            spread_share: self.spread_share,
             seconds: self.seconds,
             low_v: self.low_v,
             high_v: self.high_v,
@@ -218,6 +222,7 @@ impl IdentifiedEntry {
         let Identified {
             error_um,
             band_95,
+            spread_share,
             seconds,
             low_v,
             high_v,
@@ -228,6 +233,7 @@ impl IdentifiedEntry {
         let figures = [
             error_um,
             band_95,
+            spread_share,
             seconds,
             low_v,
             high_v,

@@ -4,13 +4,13 @@
 use crate::dataset::timing::Timing;
 use crate::dataset::{Dataset, PlayedDrive, Record, Role};
 use crate::error::{Error, Result};
-use crate::identification::fit::counted_residual;
+use crate::identification::fit::rms_over;
 use crate::identification::linearisation::raw_residual;
 use crate::identification::nuisance_terms::{OwnMotions, Samples};
 use crate::parallel;
-use crate::prediction::{BAND_95, Prediction, predict};
+use crate::prediction::{BAND_95, Prediction, calibrated, predict};
 use crate::replay::{files, whole};
-use crate::statistics::{extremes, rms};
+use crate::statistics::extremes;
 use hysteron_sim::chain::{Drive, Identified, InitialState, Model};
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::physics::{RecordStart, Recorded};
@@ -19,8 +19,6 @@ use std::sync::Arc;
 
 /// Samples from which the state at the beginning of a long file is estimated.
 const START_SAMPLES: usize = 200_000;
-/// Share of the samples that judged which a band holds.
-const IN_BAND: f64 = 0.95;
 /// A servo runs at this rate, Hz.
 const USUAL_RATE_HZ: f64 = 20_000.0;
 /// A drive begins as a record does where it is nearer to that than this share of the range of drives.
@@ -34,9 +32,7 @@ pub fn note_origin(model: &mut Model, dataset: &Dataset, fitted: &[usize]) {
     } else {
         &held_out
     };
-    let left: Vec<f64> =
-        parallel::map(judges, |i| counted_residual(model, &dataset.records[*i])).concat();
-    let error_um = rms(&left);
+    let error_um = rms_over(model, dataset, judges);
     let seen = || {
         let counts = |(i, r): &(usize, &Record)| fitted.contains(i) || r.role == Role::Validate;
         dataset
@@ -70,23 +66,17 @@ pub fn note_origin(model: &mut Model, dataset: &Dataset, fitted: &[usize]) {
         values: std::mem::take(&mut known.values),
         factor: std::mem::take(&mut known.factor),
         error_um,
-        band_95: times_error(left, error_um),
+        band_95: BAND_95,
+        spread_share: 1.0,
         seconds,
         low_v,
         high_v,
         slope_max_v_s,
         recorded,
     };
-}
-
-/// Times the error within which so many residuals lie that a band holds them.
-fn times_error(mut left: Vec<f64>, error_um: f64) -> f64 {
-    left.iter_mut().for_each(|e| *e = e.abs());
-    left.sort_by(f64::total_cmp);
-    let at = ((IN_BAND * left.len() as f64).ceil() as usize).clamp(1, left.len().max(1)) - 1;
-    match left.get(at) {
-        Some(within_um) if error_um > 0.0 => within_um / error_um,
-        _ => BAND_95,
+    if let Some([share, times]) = calibrated(model, dataset, judges) {
+        let known = Arc::make_mut(model.identified.get_or_insert_default());
+        (known.spread_share, known.band_95) = (share, times);
     }
 }
 

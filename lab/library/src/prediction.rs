@@ -1,18 +1,23 @@
 //! What a model predicts of a drive, within which band, and what of the drive was never recorded.
 //!
 //! # How it works
-//! The band is so many times the error that judged the model as hold 95 % of the samples that judged. Three
-//! things make it wider. The spread of the values, to first order: one simulation for each column of the
-//! covariance's factor, less what the constant and the free motions of a record take up over the recorded
-//! time. Creep that no record shows, where a drive lasts longer: each decade of time beyond adds a term of
-//! the share that stacks are expected to have. And the voltage beyond the recorded one: there the slope may
-//! be any that the loops have.
+//! The error that judged the model and the spread of its values make a width at every sample. The spread is to
+//! first order, by a small step along each column of the covariance's factor: a large one tears apart what the
+//! data fix together. What the constant and the free motions of a record take up over the recorded time is left
+//! out of it. The files of the model calibrate both ([`calibrated`]). Their judging samples are off by the error
+//! of the values too, so that the spread over them is at most what they are off: more of it is a covariance
+//! that overstates. The band is so many times the width as hold 95 % of these samples.
+//!
+//! A drive beyond what was recorded gets the whole spread. There creep that no record shows adds to it, a term
+//! for each decade of time beyond, of the share that stacks are expected to have. Where the voltage is beyond
+//! the recorded one, the slope may be any that the loops have.
 
-use crate::dataset::Record;
+use crate::dataset::{Dataset, Record};
 use crate::engineering::loop_figures;
 use crate::error::Result;
 use crate::identification::nuisance_terms::{Samples, columns, project_out_by_rows};
 use crate::parallel;
+use crate::replay::files;
 use crate::simulate::simulate;
 use hysteron_sim::chain::{Drive, EffectInstance, Model};
 use hysteron_sim::effect::{Overview, by_id, creep};
@@ -25,6 +30,12 @@ pub const BAND_95: f64 = 1.96;
 const BEYOND: f64 = 0.05;
 /// Longest time constant of a record that ends when its motion does, as a share of its length.
 const SEEN_CREEP: f64 = 0.5;
+/// Largest change of a coordinate by which the spread is derived.
+const DERIVATIVE_STEP: f64 = 1e-3;
+/// Columns of the factor that are simulated side by side: more would need more memory than a long drive leaves.
+const SIDE_BY_SIDE: usize = 8;
+/// Share of the samples that judged which a band holds.
+const IN_BAND: f64 = 0.95;
 
 /// What a model predicts of a drive.
 #[derive(Clone, Debug)]
@@ -71,13 +82,43 @@ fn half_band_um(
     base_um: &[f64],
 ) -> Option<Vec<f64>> {
     let known = model.identified.as_deref()?;
+    let spread = squared_spread(model, known, drive, start, base_um)?;
+    let share = match known.spread_share {
+        share if share > 0.0 && beyond(model, drive).is_empty() => share,
+        _ => 1.0,
+    };
+    let times = match known.band_95 {
+        times if times > 0.0 => times,
+        _ => BAND_95,
+    };
+    let lasts_s = drive.drive_v.len() as f64 * drive.dt_s;
+    let mut creeps = vec![0.0; base_um.len()];
+    for more in unseen_creep(model, known.seconds, lasts_s) {
+        let moved = more.before_rounding().simulate(drive);
+        let differs = moved.iter().zip(base_um).map(|(a, b)| (a - b).powi(2));
+        creeps
+            .iter_mut()
+            .zip(differs)
+            .for_each(|(sum, d)| *sum += d);
+    }
+    let beyond_um = beyond_range_um(model, known, drive, base_um);
+    let half = |k: usize| {
+        let within = known.error_um.powi(2) + share * share * spread[k];
+        (times * times * within + BAND_95 * BAND_95 * creeps[k]).sqrt()
+            + beyond_um.get(k).copied().unwrap_or(0.0)
+    };
+    Some((0..base_um.len()).map(half).collect())
+}
+
+/// Variance of the reading by the covariance of the values, sample by sample.
+fn squared_spread(
+    model: &Model,
+    known: &Identified,
+    drive: &Drive,
+    start: &RecordStart,
+    base_um: &[f64],
+) -> Option<Vec<f64>> {
     let samples = drive.drive_v.len();
-    let mut variations = (0..known.factor.len())
-        .map(|column| along_column(model, known, column))
-        .collect::<Option<Vec<Model>>>()?;
-    let unseen = unseen_creep(model, known.seconds, samples as f64 * drive.dt_s);
-    let of_values = variations.len();
-    variations.extend(unseen);
     let record = Record {
         initial_state: start.state,
         offset_is_fitted: start.offset_is_fitted,
@@ -91,44 +132,90 @@ fn half_band_um(
     let own = columns(model, &record, &Samples::Every(0..samples));
     let recorded: Vec<usize> =
         (0..samples.min((known.seconds / drive.dt_s).ceil() as usize)).collect();
-    let spread = parallel::map_indices(variations.len(), |i| {
-        let moved = variations[i].before_rounding().simulate(drive);
-        let mut differs =
-            DVector::from_iterator(samples, moved.iter().zip(base_um).map(|(a, b)| a - b));
-        if i < of_values {
+    let moved = (0..known.factor.len())
+        .map(|column| along_column(model, known, column))
+        .collect::<Option<Vec<(Model, f64)>>>()?;
+    let mut sums = vec![0.0; samples];
+    for some in moved.chunks(SIDE_BY_SIDE) {
+        for differs in parallel::map(some, |(moved, share)| {
+            let moved = moved.before_rounding().simulate(drive);
+            let differ = moved.iter().zip(base_um).map(|(a, b)| (a - b) / share);
+            let mut differs = DVector::from_iterator(samples, differ);
             project_out_by_rows(&own, &recorded, &mut differs);
+            differs
+        }) {
+            sums.iter_mut()
+                .zip(&differs)
+                .for_each(|(sum, d)| *sum += d * d);
         }
-        differs
-    });
-    let mut sums = vec![known.error_um.powi(2); samples];
-    for differs in &spread {
-        sums.iter_mut()
-            .zip(differs)
-            .for_each(|(sum, d)| *sum += d * d);
     }
-    let times = if known.band_95 > 0.0 {
-        known.band_95
-    } else {
-        BAND_95
-    };
-    let beyond_um = beyond_range_um(model, known, drive, base_um);
-    let half =
-        |(k, sum): (usize, &f64)| times * sum.sqrt() + beyond_um.get(k).copied().unwrap_or(0.0);
-    Some(sums.iter().enumerate().map(half).collect())
+    Some(sums)
 }
 
-/// The model moved by a column of the factor of its covariance; none where it lacks a value.
-fn along_column(model: &Model, known: &Identified, column: usize) -> Option<Model> {
+/// The model with its band calibrated on the samples of records that judge: each file simulated from its start,
+/// as [`predict`] does.
+pub(crate) fn calibrated(model: &Model, dataset: &Dataset, judges: &[usize]) -> Option<[f64; 2]> {
+    let known = model.identified.as_deref()?;
+    let plain = model.before_rounding();
+    // How far off, and the variance by the values.
+    let mut judged: Vec<(f64, f64)> = Vec::new();
+    for (records, start) in files(dataset).iter().zip(&known.recorded.starts) {
+        let judging = records.iter().filter(|record| judges.contains(record));
+        let judging: Vec<usize> = judging
+            .flat_map(|i| dataset.records[*i].counted())
+            .collect();
+        if judging.is_empty() {
+            continue;
+        }
+        let file = &dataset.records[records[0]];
+        let drive = Drive {
+            initial_state: start.state,
+            ..file.whole_drive()
+        };
+        let base_um = plain.simulate(&drive);
+        let spread = squared_spread(model, known, &drive, start, &base_um)?;
+        judged.extend(judging.into_iter().map(|k| {
+            let reads_um = base_um[k] + start.adds_um(k as f64 * drive.dt_s);
+            (file.displacement_um[k] - reads_um, spread[k])
+        }));
+    }
+    let off: f64 = judged.iter().map(|(off_um, _)| off_um * off_um).sum();
+    let spread: f64 = judged.iter().map(|(_, spread)| spread).sum();
+    let share = if spread > off {
+        (off / spread).sqrt()
+    } else {
+        1.0
+    };
+    let width = |spread: f64| (known.error_um.powi(2) + share * share * spread).sqrt();
+    let mut relative: Vec<f64> = judged
+        .iter()
+        .map(|(off_um, spread)| off_um.abs() / width(*spread))
+        .collect();
+    relative.sort_by(f64::total_cmp);
+    let at = (IN_BAND * (relative.len() + 1) as f64).ceil() as usize;
+    let times = relative.get(at.min(relative.len()).checked_sub(1)?)?;
+    (times.is_finite() && share > 0.0).then_some([share, *times])
+}
+
+/// The model moved a small way along a column of the factor of its covariance, and the share of the column
+/// that this is; none where the model lacks a value.
+fn along_column(model: &Model, known: &Identified, column: usize) -> Option<(Model, f64)> {
+    let moves = || {
+        let rows = known.factor.iter().skip(column);
+        rows.filter_map(|row| row.get(column))
+    };
+    let most = moves().map(|by| by.abs()).fold(0.0, f64::max);
+    let share = (DERIVATIVE_STEP / most).min(1.0);
     let mut moved = model.clone();
-    for ((effect, parameter), row) in known.values.iter().zip(&known.factor).skip(column) {
+    for ((effect, parameter), by) in known.values.iter().skip(column).zip(moves()) {
         let instance = moved.effects.iter_mut().find(|e| e.id == *effect)?;
         let value = instance
             .parameters
             .iter_mut()
             .find(|p| p.parameter.name == *parameter)?;
-        value.set_coordinate(value.coordinate() + row.get(column)?);
+        value.set_coordinate(value.coordinate() + share * by);
     }
-    Some(moved)
+    Some((moved, share))
 }
 
 /// How far the reading may be off because voltage goes beyond the recorded one, um: what that makes of the
@@ -158,7 +245,8 @@ fn unseen_creep(model: &Model, recorded_s: f64, lasts_s: f64) -> Vec<Model> {
     let mut out = Vec::new();
     // The slowest creep of a record is known as a part of a straight line only.
     let mut time_constant_s = SEEN_CREEP * recorded_s * 10f64.sqrt();
-    while recorded_s > 0.0 && time_constant_s < 3.0 * lasts_s {
+    let is_seen = recorded_s <= 0.0 || lasts_s <= (1.0 + BEYOND) * recorded_s;
+    while !is_seen && time_constant_s < 3.0 * lasts_s {
         let known = model.values(creep::ID).unwrap_or_default();
         let values: Vec<f64> = known
             .iter()

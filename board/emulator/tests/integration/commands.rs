@@ -43,7 +43,9 @@ fn a_block_is_kept_beside_the_last_good_one_and_taken_at_the_next_start() {
                 300 * MILLISECOND,
                 [
                     upload(&block(&new)),
-                    b"arm untested\nconditioning waived\nenable\n".to_vec(),
+                    // Far enough from rest that the way back takes more than a tick.
+                    b"arm untested\nconditioning waived\nreference constant 3000\nenable\n"
+                        .to_vec(),
                 ]
                 .concat(),
             ),
