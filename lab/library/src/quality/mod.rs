@@ -8,6 +8,8 @@
 //! through one more search ([`corrected`]).
 
 mod answer;
+#[cfg(feature = "readers")]
+mod answered_jumps;
 mod as_specified;
 mod between_samples;
 mod closed_loop;
@@ -23,7 +25,7 @@ mod units;
 pub mod words;
 
 #[cfg(feature = "readers")]
-pub(crate) use timing::shown_by_readings;
+pub(crate) use answered_jumps::shown_by_readings;
 
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
