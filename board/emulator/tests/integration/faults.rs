@@ -458,7 +458,7 @@ fn a_tick_that_takes_longer_than_a_period() {
     /// So slow a core that it has the time for a tick at rest and not for one of the closed loop, which takes
     /// less than a period and a half: no edge goes by without a tick for a while, so the cycle counter alone
     /// would not tell.
-    const SLOW: u64 = 22_000_000;
+    const SLOW: u64 = 24_000_000;
     let world = world();
     let script = Script {
         block: Some(block(&best_parameters())),
