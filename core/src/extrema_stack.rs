@@ -77,26 +77,31 @@ where
                     minimum: self.input,
                 });
             }
-            while let Some(last) = self.pairs.last() {
-                if input < last.maximum {
-                    break;
-                }
-                self.pairs.pop();
-            }
+            self.wipe_out(|pair| input < pair.maximum);
         } else if input < self.input {
-            if self.open_maximum.is_none() {
-                self.open_maximum = Some(self.input);
-            }
-            while let Some(last) = self.pairs.last() {
-                if input > last.minimum {
-                    break;
-                }
-                self.open_maximum = Some(last.maximum);
-                self.pairs.pop();
-            }
+            let outermost = self.wipe_out(|pair| input > pair.minimum);
+            self.open_maximum = outermost.or(self.open_maximum).or(Some(self.input));
         }
         self.input = input;
         unchanged.min(self.pairs.len())
+    }
+
+    /// Removes the innermost pairs up to one that is `larger` than the input, and returns the maximum of the
+    /// outermost that goes.
+    #[inline(always)]
+    fn wipe_out(&mut self, larger: impl Fn(&Pair<T>) -> bool) -> Option<T> {
+        let (mut kept, mut outermost) = (self.pairs.len(), None);
+        for pair in self.pairs.iter().rev() {
+            if larger(pair) {
+                break;
+            }
+            kept -= 1;
+            outermost = Some(pair.maximum);
+        }
+        if outermost.is_some() {
+            self.pairs.truncate(kept);
+        }
+        outermost
     }
 
     /// Replaces the present input by one that is equal to it, for a `T` that carries more than what it is

@@ -257,8 +257,6 @@ pub struct State {
     pub adc_code: SensorCode,
     /// What the drive's converter was given.
     pub dac_code: DriveCode,
-    /// What the amplifier's voltage monitor read.
-    pub monitor_code: Option<u16>,
     /// um with 24 fraction bits.
     pub reference: i32,
     /// Position at the sensor's code 0, um with 24 fraction bits.
@@ -290,7 +288,6 @@ impl State {
         },
         adc_code: SensorCode::new(0),
         dac_code: DriveCode::new(0),
-        monitor_code: None,
         reference: 0,
         adc_zero: 0,
         zeroed: false,
@@ -336,6 +333,16 @@ fn publish(state: State) {
     // SAFETY: readers read the other place until the store below.
     unsafe { place.get().write(state) };
     PUBLICATION.store(next, Ordering::Release);
+}
+
+/// What the amplifier's voltage monitor read, or [`NO_CODE`]. Beside [`State`], which every tick copies.
+static MONITOR_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
+/// The monitor gave nothing.
+const NO_CODE: u32 = u32::MAX;
+
+/// What the amplifier's voltage monitor read last.
+pub fn monitor_code() -> Option<u16> {
+    u16::try_from(MONITOR_CODE.load(Ordering::Relaxed)).ok()
 }
 
 /// Whether whoever gives commands, on whatever channel, is still there.
@@ -547,9 +554,9 @@ extern "C" fn TIM2() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    let mut monitored = None;
     if Converters::HAS_MONITOR && control.has_monitor {
-        monitored = control.front_end.monitor();
+        let monitored = control.front_end.monitor();
+        MONITOR_CODE.store(monitored.map_or(NO_CODE, u32::from), Ordering::Relaxed);
         control.amplifier.inspect_output(monitored);
     }
     control
@@ -586,7 +593,6 @@ extern "C" fn TIM2() {
         status,
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
-        monitor_code: monitored,
         reference: sample.reference,
         adc_zero: amplifier.parameters().servo.converters.adc_zero,
         zeroed: amplifier.zeroed(),

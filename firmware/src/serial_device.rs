@@ -37,7 +37,7 @@ impl Device for Target {
             fault: state.status.fault,
             adc_code: state.adc_code,
             dac_code: state.dac_code,
-            monitor_code: state.monitor_code,
+            monitor_code: control::monitor_code(),
             reference: state.reference,
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,

@@ -21,8 +21,8 @@ const CORE_KHZ: u32 = 400_000;
 /// How much of `exchange` the compiler lays in line changes it by a tenth; a period has 20,000. A change that
 /// needs more raises the limit here.
 const LIMITS: [(&str, u32, u32); 11] = [
-    ("follow", 1_000, 805),
-    ("learn", 1_500, 1_410),
+    ("follow", 1_000, 800),
+    ("learn", 1_500, 1_400),
     ("adapt", 1_500, 900),
     ("jump", 1_300, 950),
     ("jump while learning", 1_800, 1_150),
@@ -31,7 +31,7 @@ const LIMITS: [(&str, u32, u32); 11] = [
     ("amplifier follows", 1_400, 1_150),
     ("amplifier conditions", 700, 400),
     ("exchange", 9_800, 9_700),
-    ("swap", 4_400, 4_400),
+    ("swap", 4_450, 4_450),
 ];
 
 #[test]
