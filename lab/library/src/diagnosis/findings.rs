@@ -150,7 +150,7 @@ pub struct Tested {
 }
 
 /// Tests each slot of the simplest kept models. An effect that takes the place of a slot's own in the best of
-/// them, everything else the same, and that the data do not reject, is an alternative; the slot is tested
+/// them, everything else the same, and that denies the name, is an alternative; the slot is tested
 /// again without all of them. Where the data cannot deny a model without it by no such exchange, nothing says
 /// which of its effects stands in for which, and the slot is left out.
 #[must_use]
@@ -188,7 +188,8 @@ fn test(pool: &mut Pool, mut slot: Slot, own: &Move, best: &str) -> Option<Teste
         let before = as_good.len();
         for by in instead {
             let exchanged = exchange(pool, [best, &without], own, &by);
-            let exchanged = exchanged.filter(|key| fate(pool, key, best) == Some(Fate::Kept));
+            // What denies a name takes its place: both are asked the same.
+            let exchanged = exchanged.filter(|key| rejected_by(pool, key, best).is_none());
             slot.moves.extend(exchanged.is_some().then_some(by));
             as_good.extend(exchanged);
         }
