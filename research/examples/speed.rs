@@ -26,11 +26,14 @@ const DRIVE_MAX_V: f64 = 70.0;
 /// The quickest of several runs: what other programs take does not count.
 const RUNS: usize = 5;
 
+/// What is done with a drive, V.
+type Run = Box<dyn Fn(&[f64])>;
+
 /// Something that is timed by its number of samples.
 struct Case {
     name: String,
     samples: usize,
-    run: Box<dyn Fn(usize)>,
+    run: Run,
 }
 
 fn main() {
@@ -41,16 +44,17 @@ fn main() {
         ["once", name, samples] => {
             let (case, samples) = (cases.iter().find(|case| case.name == name), samples.parse());
             if let (Some(case), Ok(samples)) = (case, samples) {
-                (case.run)(samples);
+                (case.run)(&drive_v(samples));
             }
         }
         _ => {
             println!("case,samples,seconds");
             for case in &cases {
+                let drive_v = drive_v(case.samples);
                 let quickest_s = (0..RUNS)
                     .map(|_| {
                         let begin = Instant::now();
-                        (case.run)(case.samples);
+                        (case.run)(&drive_v);
                         begin.elapsed().as_secs_f64()
                     })
                     .fold(f64::INFINITY, f64::min);
@@ -162,11 +166,11 @@ fn drive_v(samples: usize) -> Vec<f64> {
 }
 
 fn simulation(name: &str, model: Model, samples: usize) -> Case {
-    let run = move |samples: usize| {
-        let (drive_v, force_n) = (drive_v(samples), vec![0.0; samples]);
+    let run = move |drive_v: &[f64]| {
+        let force_n = vec![0.0; drive_v.len()];
         let drive = Drive {
             force_n: Some(&force_n),
-            ..Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin)
+            ..Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Virgin)
         };
         black_box(model.simulate(&drive));
     };
@@ -177,7 +181,7 @@ fn simulation(name: &str, model: Model, samples: usize) -> Case {
     }
 }
 
-fn invert(samples: usize) {
+fn invert(drive_v: &[f64]) {
     let Ok(bench) = Bench::reference() else {
         return;
     };
@@ -188,16 +192,15 @@ fn invert(samples: usize) {
         0.0,
         DRIVE_MAX_V,
     );
-    for desired_um in drive_v(samples) {
-        black_box(inverse.step(0.1 * desired_um));
+    for volts in drive_v {
+        black_box(inverse.step(0.1 * volts));
     }
 }
 
 /// The chain, fitted to what it gave.
-fn fit(samples: usize) {
-    let drive_v = drive_v(samples);
-    let reading_um = chain().simulate(&Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin));
-    let record = Record::new("stage", RATE_HZ, drive_v, reading_um).from_virgin_state();
+fn fit(drive_v: &[f64]) {
+    let reading_um = chain().simulate(&Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Virgin));
+    let record = Record::new("stage", RATE_HZ, drive_v.to_vec(), reading_um).from_virgin_state();
     let dataset = Dataset::new("stage", 0.0, DRIVE_MAX_V, vec![record]);
     let effects = effects_named("prandtl_ishlinskii,creep,vibration");
     if let (Ok(dataset), Ok(effects)) = (dataset, effects) {
@@ -206,7 +209,7 @@ fn fit(samples: usize) {
 }
 
 /// The integer tick of the sliding-mode observer and controller, which reads what it asks for.
-fn tick(samples: usize) {
+fn tick(drive_v: &[f64]) {
     let overview = overview();
     let mut model = Model::new(0.0, DRIVE_MAX_V);
     for (id, values) in [("hysteresis", [10.0, 1.0]), ("vibration", [5000.0, 0.3])] {
@@ -224,7 +227,7 @@ fn tick(samples: usize) {
         return;
     };
     let mut servo = ServoTick::new(parameters);
-    for volts in drive_v(samples) {
+    for volts in drive_v {
         let reference = Micrometres::saturating_from_num(0.1 * volts);
         let code = SensorCode::new((300.0 * volts) as u32);
         black_box(servo.tick(code, reference));
