@@ -10,7 +10,7 @@ use crate::workspace::{AS_TESTED, built, cargo, command, emptied, root};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
 /// formats that are read, and the cluster of a survey, and what runs a notebook.
-const TOOLS: [&str; 11] = [
+const TOOLS: [&str; 12] = [
     "maturin",
     "mypy",
     "numpy",
@@ -18,6 +18,7 @@ const TOOLS: [&str; 11] = [
     "h5py",
     "npTDMS",
     "pyarrow",
+    "pandas",
     "openpyxl",
     "dask[distributed]",
     "nbclient",
