@@ -129,7 +129,7 @@ fn deviation(section: &SectionTangents, low: Option<f32>, high: Option<f32>) -> 
 }
 
 impl AmplifierParameters {
-    /// Whether a block that closes a loop says so: at rest a loop passes something on.
+    /// Whether a block that closes a loop has its bands: at its lowest frequencies a loop passes something on.
     pub(crate) fn knows_its_loop(&self) -> bool {
         let lowest = self.loop_bands.transmission.last();
         matches!(self.servo.law, LawParameters::Hold) || lowest.is_some_and(|low| *low > 0)

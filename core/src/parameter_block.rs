@@ -6,8 +6,8 @@
 //! length of the content (4), content, CRC-32 of all before it (4). The content is the physical description
 //! ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both, then
-//! the bands of the loop ([`crate::loop_margin`]); last, and only where a periodic reference is learned, the filters for it, and behind them, only where the gain
-//! is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another sampling
+//! the bands of the loop ([`crate::loop_margin`]). Only where a periodic reference is learned, the filters for
+//! it follow; only where the gain is adapted, its bounds stand behind them. [`read`] refuses what is damaged, of another version, made for another sampling
 //! rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or
 //! whose design is not stable, and says which.
 

@@ -34,19 +34,33 @@ pub fn install(packages: &[&str]) -> Result<(), String> {
 
 /// Sees to Octave, in which the tests run exported models.
 pub fn see_to_octave() -> Result<(), String> {
+    see_to(
+        "octave-cli",
+        "octave",
+        "in which the tests run exported models",
+    )
+}
+
+/// Sees to Valgrind, which counts instructions.
+pub fn see_to_valgrind() -> Result<(), String> {
+    see_to("valgrind", "valgrind", "which counts instructions")
+}
+
+/// Sees to a program of a package; `use_of_it` says what for.
+fn see_to(program: &str, package: &str, use_of_it: &str) -> Result<(), String> {
     let there = || {
-        Command::new("octave-cli")
+        Command::new(program)
             .arg("--version")
             .output()
             .is_ok_and(|output| output.status.success())
     };
     if !there() && can_install() {
-        println!("   no Octave yet; installing it, in which the tests run exported models");
-        install(&["octave"])?;
+        println!("   no {package} yet; installing it, {use_of_it}");
+        install(&[package])?;
     }
     if there() {
         Ok(())
     } else {
-        Err("needs Octave, in which the tests run exported models: install octave".into())
+        Err(format!("needs {package}, {use_of_it}: install {package}"))
     }
 }

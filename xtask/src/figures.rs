@@ -98,7 +98,7 @@ fn program() -> PathBuf {
 
 /// Instructions a sample, counted by Callgrind.
 fn instructions(case: &str) -> Result<f64, String> {
-    see_to_valgrind()?;
+    debian::see_to_valgrind()?;
     let count = |samples: u32| {
         let out = Command::new("valgrind")
             .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
@@ -114,24 +114,6 @@ fn instructions(case: &str) -> Result<f64, String> {
     };
     let [few, many] = SAMPLES;
     Ok((count(many)? - count(few)?) / f64::from(many - few))
-}
-
-fn see_to_valgrind() -> Result<(), String> {
-    let there = || {
-        Command::new("valgrind")
-            .arg("--version")
-            .output()
-            .is_ok_and(|output| output.status.success())
-    };
-    if !there() && debian::can_install() {
-        println!("   no Valgrind yet; installing it, which counts instructions");
-        debian::install(&["valgrind"])?;
-    }
-    if there() {
-        Ok(())
-    } else {
-        Err("needs Valgrind, which counts instructions: install valgrind".into())
-    }
 }
 
 /// What is stored of this compiler.

@@ -241,6 +241,7 @@ fn install_what_is_needed() -> Result<(), String> {
     toolchain::for_target(&toolchain::WEB_ASSEMBLY)?;
     virtual_environment::see_to_python()?;
     debian::see_to_octave()?;
+    debian::see_to_valgrind()?;
     browser::ensure()
 }
 

@@ -27,7 +27,7 @@ use std::time::Instant;
 
 /// Recordings of which the common effects are found.
 const SAMPLE: usize = 3;
-/// Workers that a recording may end before it is given up.
+/// Workers that a recording may end before it is abandoned.
 const TRIES: usize = 2;
 /// The file of the rows where none is specified.
 const RESULTS: &str = "survey.jsonl";

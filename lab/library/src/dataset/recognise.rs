@@ -701,7 +701,7 @@ impl Choice<'_> {
         Ok(signals)
     }
 
-    /// Columns that are called a displacement too, where no note says so yet.
+    /// Columns that are called a displacement too, where no note names them yet.
     fn note_other_sensors(&mut self, y: usize) {
         for at in self.by_name(Quantity::Displacement) {
             let other = self.column(at).called();

@@ -149,10 +149,11 @@ pub struct Tested {
     as_good: Vec<String>,
 }
 
-/// Tests each slot of the simplest kept models. An effect that takes the place of a slot's own in the best of
-/// them, everything else the same, and that denies the name, is an alternative; the slot is tested
-/// again without all of them. Where the data cannot deny a model without it by no such exchange, nothing says
-/// which of its effects stands in for which, and the slot is left out.
+/// Tests each slot of the simplest kept models. Put in the place of a slot's own effect in the best of them,
+/// everything else the same, another effect is an alternative if the data do not reject the model that comes
+/// of it. The slot is tested again without all its alternatives. Where a model without the slot is not
+/// rejected and no single exchange explains it, nothing says which effect stands in for which: the slot is
+/// left out.
 #[must_use]
 pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
     let Some(best) = minimal.first() else {

@@ -17,7 +17,7 @@ use hysteron_sim::effect::{by_id, delay};
 pub fn nm(um: f64) -> String {
     let value = 1e3 * um;
     if value > 0.0 && value < 0.005 {
-        // Readings in another unit than they are said to be.
+        // Readings whose unit is larger than specified.
         format!("{value:.1e}")
     } else if value >= 100.0 {
         format!("{value:.0}")

@@ -105,7 +105,7 @@ impl Rows {
         }
     }
 
-    /// The same, counted there.
+    /// These rows, with what is simulated for them counted by `work`.
     #[must_use]
     pub fn counted_by(self, work: Work) -> Self {
         Self { work, ..self }

@@ -286,7 +286,7 @@ fn conditioning_v(design: &ServoDesign) -> Vec<f64> {
     ])
 }
 
-/// A servo that somebody else's loop asks tick by tick, behind the converters of [`track`].
+/// A servo that a loop of the caller's asks tick by tick, behind the converters of [`track`].
 pub struct RunningServo {
     servo: ServoTick,
     scale: ConverterScale,
