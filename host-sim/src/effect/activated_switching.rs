@@ -473,7 +473,9 @@ impl Effect for ActivatedSwitching {
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
             // Three times the values of the surfaces, which can take in other effects.
-            tried_for_loops: false,
+            tried_for_loops: LoopsTried::Stalled,
+            // 120 ns, of `cargo run --release -p hysteron-research --example speed`.
+            lasts_steps: Some(24),
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
 
 `Y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) P_k(2 z_j - 1)` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^1.5 - (j / 32)^1.5`.
