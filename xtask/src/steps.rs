@@ -109,7 +109,7 @@ pub const PACKAGES: &[CheckStep] = &[CheckStep("packages as they are published",
 /// What takes long, beside the check.
 const LONG: &[CheckStep] = &[
     CheckStep(
-        "tests that take long (72 independent stages)",
+        "tests that take long (72 independent stages, 330,000 damaged inputs)",
         checks::long_tests,
     ),
     CheckStep(
