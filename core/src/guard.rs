@@ -33,7 +33,7 @@
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
-//! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
+//! | output is not the drive or moves while it is off, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
 //! | drive's converter holds another code | its register, read back | power off at once |
 //! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
@@ -110,11 +110,13 @@ pub enum Fault {
     LoopSwings = 32,
     /// What the operator kept is damaged, or of another version or sampling rate.
     KeptSettings = 33,
+    /// The amplifier's output moves away from rest while its power stage is switched off.
+    OutputWhileOff = 34,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 33] = [
+    pub const ALL: [(Self, &'static str); 34] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -163,6 +165,10 @@ impl Fault {
             Self::KeptSettings,
             "kept settings are damaged or of another version",
         ),
+        (
+            Self::OutputWhileOff,
+            "output of the amplifier moves while it is switched off",
+        ),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
@@ -172,7 +178,11 @@ impl Fault {
     pub fn is_of_output(self) -> bool {
         matches!(
             self,
-            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld | Self::DriveSilent
+            Self::OutputDiffers
+                | Self::OutputWhileOff
+                | Self::MonitorOutOfRange
+                | Self::DriveNotHeld
+                | Self::DriveSilent
         )
     }
 
