@@ -59,7 +59,7 @@ impl Effect for InversePreisach {
             physics: "The drive depends on the extrema of the displacement so far: the loops read the other way round.".into(),
             reference: "thesis Ch. 2, 3.1.4; Croft, Shed and Devasia, J. Dyn. Syst. Meas. Control 123 (2001) 35-43".into(),
             experiment: "slow triangles of several heights with nested reversals".into(),
-            tried_for_loops: false,
+            tried_for_loops: LoopsTried::Never,
             equations: r"The model of `hysteresis` and `initial_curve` with the roles turned round: the drive above `drive_min_v`, V, is the output of the surfaces `g_i_j_v`, `r_i_v` for the input `Y = y / span_um`.
 
 `y` is what takes that output to the drive, found with the memory of the displacements so far; beyond `0 <= y <= span_um` it stays at that end.",

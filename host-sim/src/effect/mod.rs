@@ -133,3 +133,33 @@ pub(crate) fn model_of(overview: &Overview, effects: &[(&str, &[f64])]) -> Model
     }
     model
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a record that begins virgin needs to have no constant of its own.
+    #[test]
+    fn loops_read_zero_where_a_virgin_stage_rests() {
+        let overview = Overview::without_data(-20.0, 80.0);
+        let setting = Setting::of_held_drive(-20.0, 80.0, 1e-3);
+        for effect in registry() {
+            let declaration = effect.declaration();
+            if !declaration.is_main() {
+                continue;
+            }
+            let rests_v = if declaration.virgin_at_zero {
+                0.0
+            } else {
+                -20.0
+            };
+            for start in effect.starts(&overview) {
+                let model = model_of(&overview, &[(&declaration.id, &start)]);
+                let mut stage = model.effects[0].stage(&model, &setting).unwrap();
+                let [rests_um, driven_um] = [rests_v, 50.0].map(|drive_v| stage.settle(drive_v));
+                assert!(rests_um.abs() < 1e-12, "{}: {rests_um}", declaration.id);
+                assert!(driven_um.abs() > 0.1, "{}: {driven_um}", declaration.id);
+            }
+        }
+    }
+}

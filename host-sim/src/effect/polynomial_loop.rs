@@ -70,7 +70,7 @@ impl Effect for PolynomialLoop {
                     .into(),
             reference: "thesis Ch. 2, 3.1.1".into(),
             experiment: "slow triangles over the whole range".into(),
-            tried_for_loops: false,
+            tried_for_loops: LoopsTried::Never,
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = X (middle_0_um + middle_1_um X + middle_2_um X^2) - s X (1 - X) (opening_0_um + opening_1_um X)`, `s = 1` after a rise and `-1` after a fall of `x`. At first `s = 1`.",
             ..Declaration::of_loops()
         }

@@ -74,7 +74,7 @@ impl Effect for RateDependentPrandtlIshlinskii {
             physics: "Many small backlash elements in parallel that give more or less the faster the drive moves.".into(),
             reference: "thesis Ch. 2, 3.1.3; Ang, Khosla and Riviere, IEEE/ASME Trans. Mechatronics 12 (2007) 134-142".into(),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
-            tried_for_loops: false,
+            tried_for_loops: LoopsTried::Never,
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`.",
             ..Declaration::of_loops()
         }

@@ -188,9 +188,10 @@ pub struct Declaration {
     pub opening: Opening,
     /// An actuator with it that was never driven rests at 0 V, not at the lower limit of the drive.
     pub virgin_at_zero: bool,
-    /// Its loops are tried in the place of another structure's: those without memory, or that only add
-    /// parameters to another, are not.
-    pub tried_for_loops: bool,
+    /// When its loops are tried in the place of another structure's.
+    pub tried_for_loops: LoopsTried,
+    /// Steps of another stage that one of its own takes as long as; without a number, the parameters say it.
+    pub lasts_steps: Option<u64>,
     /// In which sets of synthetic cases it is hidden.
     pub planted: Planted,
     /// Effects that an actuator which has this one has with it.
@@ -232,7 +233,8 @@ impl Declaration {
             goes_by_ends: false,
             opening: Opening::NotNeeded,
             virgin_at_zero: false,
-            tried_for_loops: true,
+            tried_for_loops: LoopsTried::AtFirst,
+            lasts_steps: None,
             planted: Planted::Alone,
             comes_with: &[],
             auxiliary: Vec::new(),
@@ -267,11 +269,23 @@ impl Declaration {
         self.place == Place::Hysteresis && self.modifies.is_none()
     }
 
-    /// Its loops are tried in the place of another structure's.
+    /// Its loops are tried in the place of another structure's at this time of a search.
     #[must_use]
-    pub fn is_tried_for_loops(&self) -> bool {
-        self.tried_for_loops && self.is_main()
+    pub fn is_tried_for_loops(&self, at: LoopsTried) -> bool {
+        self.tried_for_loops == at && self.is_main()
     }
+}
+
+/// When loops are tried in the place of another structure's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoopsTried {
+    /// Never: they have no memory, or only add parameters to another structure.
+    Never,
+    /// Once there is a structure.
+    AtFirst,
+    /// Once nothing else helps far above the noise: they have so many values that they can take in other
+    /// effects, or take much longer.
+    Stalled,
 }
 
 /// Which loops of a model have to open for an effect to be real.

@@ -10,7 +10,8 @@
 //!
 //! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
 //! looks like a better description of them, so the other structures of the library are tried once, and each
-//! kind that comes near the best has a beam of its own.
+//! kind that comes near the best has a beam of its own. A structure that takes long, or has many values, comes
+//! when nothing else helps far above the noise.
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -20,7 +21,7 @@ use crate::identification::finer_hysteresis;
 use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{gain, hysteresis};
+use hysteron_sim::effect::{LoopsTried, gain, hysteresis};
 use std::collections::BTreeSet;
 
 /// A search over the models of a pool.
@@ -33,7 +34,8 @@ pub struct Search<'s, 'a> {
     start: Vec<String>,
     /// Additions that did much worse than what they extend, by name.
     hopeless: BTreeSet<String>,
-    structures_tried: bool,
+    /// Loops of other structures that were tried, by when they are.
+    structures_tried: Vec<LoopsTried>,
     /// Effects that no model of this search may have.
     without: Vec<String>,
     /// Moves that a model of this search may have, at most.
@@ -45,6 +47,9 @@ pub struct Search<'s, 'a> {
     /// The budget did not reach to test all that would be named.
     pub untested: bool,
 }
+
+/// Models that are fitted between two looks at the budget: enough for the cores of a desk.
+const AT_ONCE: usize = 4;
 
 /// A model that is worth fitting.
 struct Proposal {
@@ -86,7 +91,7 @@ impl<'s, 'a> Search<'s, 'a> {
             pool,
             start,
             hopeless,
-            structures_tried: false,
+            structures_tried: Vec::new(),
             without: Vec::new(),
             most_moves,
             stopped: false,
@@ -122,8 +127,11 @@ impl<'s, 'a> Search<'s, 'a> {
                 return Ok(());
             }
             let mut proposals = self.propose()?;
-            if !self.structures_tried && !self.is_bare_gain(self.pool.best()) {
-                proposals.extend(self.propose_structures());
+            if !self.is_bare_gain(self.pool.best()) {
+                proposals.extend(self.propose_structures(LoopsTried::AtFirst));
+            }
+            if !near && (without_gain > 0 || proposals.is_empty()) {
+                proposals.extend(self.propose_structures(LoopsTried::Stalled));
             }
             if proposals.is_empty() {
                 return Ok(());
@@ -146,7 +154,9 @@ impl<'s, 'a> Search<'s, 'a> {
         let (study, most_moves) = (self.study, self.most_moves);
         self.without = ids.to_vec();
         self.most_moves = from.moves.len();
-        self.structures_tried = false;
+        // Slow ones were tried with everything open, or are what the search is without.
+        self.structures_tried
+            .retain(|at| *at != LoopsTried::AtFirst);
         let of = self.pool.best().merit;
         let less = |model: Model, id: &String| study.without(&model, id);
         let begin = ids.iter().fold(from.judged.model.clone(), less);
@@ -175,8 +185,8 @@ impl<'s, 'a> Search<'s, 'a> {
             let is_near = best.merit <= reach;
             let mut proposals = self.propose()?;
             proposals.retain(|p| p.promise.ln() <= reach);
-            if is_near && !self.structures_tried {
-                proposals.extend(self.propose_structures());
+            if is_near {
+                proposals.extend(self.propose_structures(LoopsTried::AtFirst));
             }
             if proposals.is_empty() {
                 return Ok(true);
@@ -219,28 +229,45 @@ impl<'s, 'a> Search<'s, 'a> {
             && structure(&entry.judged.model).as_deref() == Some(gain::ID)
     }
 
+    /// Fits proposals, the most promising of each kind first, until the budget ends.
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        let fitted = parallel::map(&proposals, |p| {
-            self.study.quickly_beside(&p.begin, &p.begun, p.of)
-        });
-        for (proposal, judged) in proposals.into_iter().zip(fitted) {
-            if self.study.merit(&judged) > proposal.of + self.study.policy.hopeless {
-                self.hopeless.insert(names(&proposal.moves));
+        for portion in proposals.chunks(AT_ONCE) {
+            if self.study.budget.is_over() {
+                return;
             }
-            self.pool
-                .keep(Entry::new(self.study, proposal.moves, judged, false));
+            self.fit_portion(portion);
         }
     }
 
-    /// The best model, and the start, with loops of the other structures.
-    fn propose_structures(&mut self) -> Vec<Proposal> {
-        self.structures_tried = true;
+    fn fit_portion(&mut self, proposals: &[Proposal]) {
+        let fitted = parallel::map(proposals, |p| {
+            self.study.quickly_beside(&p.begin, &p.begun, p.of)
+        });
+        for (proposal, judged) in proposals.iter().zip(fitted) {
+            if self.study.merit(&judged) > proposal.of + self.study.policy.hopeless {
+                self.hopeless.insert(names(&proposal.moves));
+            }
+            self.pool.keep(Entry::new(
+                self.study,
+                proposal.moves.clone(),
+                judged,
+                false,
+            ));
+        }
+    }
+
+    /// The best model, and the start, with loops of the other structures that are tried at this time, once.
+    fn propose_structures(&mut self, at: LoopsTried) -> Vec<Proposal> {
+        if self.structures_tried.contains(&at) {
+            return Vec::new();
+        }
+        self.structures_tried.push(at);
         let mut out: Vec<Proposal> = Vec::new();
         // Beside loops that were there from the beginning another structure is no effect more.
         let loops_added = self.start.iter().any(|id| id == gain::ID);
         for entry in std::iter::once(self.best()).chain(self.pool.start()) {
             for begin in
-                finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview)
+                finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview, at)
             {
                 let kept = entry
                     .moves

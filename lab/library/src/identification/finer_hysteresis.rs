@@ -7,7 +7,7 @@ use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::{self, InitialCurve};
 use hysteron_sim::effect::play_operators::{self, PlayOperatorsBeside};
-use hysteron_sim::effect::{Overview, Place, gain, registry};
+use hysteron_sim::effect::{LoopsTried, Overview, Place, gain, registry};
 use std::sync::Arc;
 
 /// Highest degree that surfaces are refined to.
@@ -60,10 +60,11 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
     Some(out)
 }
 
-/// The model with loops of each other structure of the library in the place of its own and of what builds on
-/// them. In the place of a gain surfaces are not among them: they are a candidate of their own.
+/// The model with loops of each other structure of the library that is tried at this time, in the place of
+/// its own and of what builds on them. In the place of a gain surfaces are not among them: they are a
+/// candidate of their own.
 #[must_use]
-pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
+pub fn of_other_structures(model: &Model, overview: &Overview, at: LoopsTried) -> Vec<Model> {
     let surfaces = || {
         let plain = with_loops(
             model,
@@ -71,10 +72,12 @@ pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
         );
         with_play_operators(&plain, overview)
     };
-    let has_others = model.effect(hysteresis::ID).is_none() && model.effect(gain::ID).is_none();
+    let has_others = at == LoopsTried::AtFirst
+        && model.effect(hysteresis::ID).is_none()
+        && model.effect(gain::ID).is_none();
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
-        e.declaration().is_tried_for_loops()
+        d.is_tried_for_loops(at)
             && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
             && model.effect(&d.id).is_none()
     });
@@ -165,7 +168,8 @@ mod tests {
     #[test]
     fn another_structure_takes_the_place_of_the_surfaces_and_of_what_builds_on_them() {
         let surfaces = model("hysteresis,initial_curve,vibration,creep");
-        let others = of_other_structures(&surfaces, &overview());
+        let tried = |model: &Model| of_other_structures(model, &overview(), LoopsTried::AtFirst);
+        let others = tried(&surfaces);
         assert!(others.len() >= 4, "{}", others.len());
         for other in &others {
             let main: Vec<&EffectInstance> = other
@@ -183,12 +187,9 @@ mod tests {
                 other.effect_ids()
             );
         }
-        assert_eq!(
-            of_other_structures(&model("gain,creep"), &overview()).len(),
-            others.len()
-        );
+        assert_eq!(tried(&model("gain,creep")).len(), others.len());
         // Without its own, and with surfaces and play operators.
-        let of_another = of_other_structures(&others[0], &overview());
+        let of_another = tried(&others[0]);
         assert_eq!(of_another.len(), others.len());
         assert!(
             of_another
@@ -196,5 +197,14 @@ mod tests {
                 .any(|m| m.effect("hysteresis").is_some() && m.effect("play_operators").is_some())
         );
         assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
+        // What takes longer comes apart.
+        for begin in [&surfaces, &others[0]] {
+            let stalled = of_other_structures(begin, &overview(), LoopsTried::Stalled);
+            let loops: Vec<&str> = stalled
+                .iter()
+                .map(|m| main_effect(m).unwrap().id.as_str())
+                .collect();
+            assert_eq!(loops, ["activated_switching"]);
+        }
     }
 }

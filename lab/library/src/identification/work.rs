@@ -190,7 +190,13 @@ fn weight_from(model: &Model, place: Option<Place>) -> u64 {
         (Place::Friction, Some(from)) if from > Place::Vibration => 0,
         (Place::Friction, _) => BALANCED,
         (at, Some(from)) if at < from => 0,
-        _ => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
+        _ => {
+            let by_parameters = || (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP);
+            e.effect
+                .declaration()
+                .lasts_steps
+                .unwrap_or_else(by_parameters)
+        }
     };
     model.effects.iter().map(weight).sum::<u64>().max(1)
 }
