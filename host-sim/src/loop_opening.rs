@@ -1,6 +1,9 @@
-//! How far the loops of a model open: whether they are loops of domains at all.
+//! What speaks against the values of an effect: loops that do not open are none of domains, and what stands
+//! at the end of its range acts for something larger.
 
-use crate::physics::{Doubt, Model, Opening, Place, Setting, Signals};
+use crate::physics::{
+    Doubt, EffectInstance, Model, Opening, ParameterValue, Place, Setting, Signals,
+};
 
 /// Loops that open by less than this share of their height are none of domain switching: of the hardest
 /// ceramics they open by some per cent (Fleming and Leang, 2014, Ch. 1).
@@ -25,6 +28,7 @@ impl Model {
                 .map(|_| "it belongs to loops, and there are none".into()),
         };
         closed
+            .or_else(|| at_a_limit_because(e))
             .map(Doubt::RuledOut)
             .or_else(|| e.effect.doubt(self, &e.values()))
     }
@@ -37,6 +41,30 @@ impl Model {
             Doubt::Unlikely(_) => None,
         }
     }
+}
+
+/// A value so near to an end of its range, as a share of that end, stands at it.
+const AT_THE_END: f64 = 0.999;
+
+/// Why an effect is not what its values say: one that may have either sign is as large as the effect allows,
+/// so the data ask for more than its physics gives. A value of one sign may end where it has no effect, and a
+/// ratio where the data show no more of it.
+fn at_a_limit_because(e: &EffectInstance) -> Option<String> {
+    let is_at_an_end = |value: &&ParameterValue| {
+        let (parameter, value) = (&value.parameter, value.value);
+        let (lower, upper) = (parameter.lower, parameter.upper);
+        !parameter.fixed
+            && lower < 0.0
+            && upper > 0.0
+            && (value > AT_THE_END * upper || value < AT_THE_END * lower)
+    };
+    let value = e.parameters.iter().find(is_at_an_end)?;
+    Some(format!(
+        "its {} of {:.3e} {} stands at the end of its range: something larger acts that it stands in for",
+        value.parameter.name.replace('_', " "),
+        value.value,
+        value.parameter.unit
+    ))
 }
 
 /// Why the loops of a model are none: they do not open.
@@ -119,5 +147,17 @@ mod tests {
         assert!(opens_by(&weights_um) < 1e-12);
         weights_um[1] = 1.0;
         assert!(opens_by(&weights_um) > 0.02);
+    }
+
+    #[test]
+    fn a_bend_at_the_end_of_its_range_is_none() {
+        let overview = Overview::without_data(0.0, 100.0);
+        let bent = |share: f64| {
+            let mut model = model_of(&overview, &[("gain", &[0.1]), ("sensor_nonlinearity", &[])]);
+            let value = &mut model.effects[1].parameters[0];
+            value.value = share * value.parameter.lower;
+            model.ruled_out_because("sensor_nonlinearity").is_some()
+        };
+        assert!(bent(1.0) && !bent(0.9));
     }
 }

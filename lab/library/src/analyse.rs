@@ -5,7 +5,7 @@
 use crate::dataset::Dataset;
 use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::closure::close;
-use crate::diagnosis::findings::{Weighed, test_slots, weigh};
+use crate::diagnosis::findings::{Fits, Weighed, names_and_open, test_slots, weigh};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::path::{self, ModelChange, PathStep};
@@ -210,6 +210,8 @@ const WHOLE: Effort = Effort {
 struct Grown {
     steps: Vec<PathStep>,
     weighed: Vec<Weighed>,
+    /// What survives its test and is no name ([`names_and_open`]).
+    open: Vec<Weighed>,
     models: Vec<KeptModel>,
     /// The simplest kept models.
     simplest: Vec<Entry>,
@@ -309,6 +311,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         last: &last,
         named: grown.named.as_ref().unwrap_or(&last),
         weighed: &grown.weighed,
+        open: &grown.open,
         models: &grown.models,
         simplest: &grown.simplest,
         changed: &grown.changed,
@@ -325,8 +328,8 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
             .map(|best| (&best.between, best.proposal.separation_um)),
     };
     let diagnosis = reporting::diagnosis(found, &floor, &study);
-    let next_experiment =
-        next.filter(|best| diagnosis.verdict == Verdict::Ambiguous && decides(best));
+    let asks = diagnosis.verdict == Verdict::Ambiguous || !grown.open.is_empty();
+    let next_experiment = next.filter(|best| asks && decides(best));
     let (split, work) = (study.split.clone(), study.budget.work.clone());
     drop(study);
     let Grown {
@@ -522,6 +525,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         .watch
         .event(&WatchEvent::Doing("weighing the evidence for each effect"));
     let weighed = weigh(&mut pool, &mut minimal)?;
+    let [weighed, open] = names_and_open(weighed, Some(&ablated), &study.policy);
     let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
     let end = end_of(&pool, &minimal);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
@@ -571,9 +575,10 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         beside_start,
         loops,
         // Without a name nobody knows what a longer search would have found.
-        out_of_time: untested || ended_early && weighed.is_empty(),
+        out_of_time: (untested || ended_early) && weighed.is_empty(),
         ended_early: ended_early || untested,
         weighed,
+        open,
         ..Grown::default()
     })
 }
@@ -589,7 +594,7 @@ fn ablate(
     loop {
         work.enter(Stage::Closure);
         let minimal = close(&mut search.pool, closed)?;
-        let open = test_slots(&mut search.pool, &minimal)
+        let open = test_slots(&mut search.pool, &minimal, Fits::ForComparison)
             .into_iter()
             .map(|case| case.slot.effects())
             .find(|ids| !ids.is_empty() && !ablated.contains(ids));
@@ -853,7 +858,8 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         grown.tried = tried;
         fitted = steps[steps.len() - 1].judged.clone();
     } else {
-        grown.weighed = weigh(&mut pool, &mut minimal)?;
+        let weighed = weigh(&mut pool, &mut minimal)?;
+        [grown.weighed, grown.open] = names_and_open(weighed, None, &study.policy);
         grown.simplest = minimal.iter().map(|k| pool.entries[k].clone()).collect();
         grown.models = kept_models(&grown.simplest);
         grown.tried = pool
@@ -916,8 +922,9 @@ fn next_experiment(
     floor_um: Option<f64>,
 ) -> Option<NextExperiment> {
     let slot = grown
-        .weighed
+        .open
         .iter()
+        .chain(&grown.weighed)
         .map(|w| w.slot.effects())
         .find(|effects| effects.len() > 1)?;
     let has = |id: &String| {

@@ -205,7 +205,7 @@ pub struct Diagnosis {
     pub sentence: String,
     /// Effects that the verdict is about.
     pub named: Vec<String>,
-    /// What was ahead where nothing can be decided.
+    /// What was ahead and could not be decided.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub so_far: Vec<String>,
     /// What the model at the end has beside the named effects, and does not need.

@@ -33,6 +33,19 @@ fn texts(value: &Value) -> Vec<String> {
     })
 }
 
+/// Errors by record with role, um.
+pub fn records_of(json: &Value) -> Vec<(String, String, f64)> {
+    let record = |r: &Value| {
+        Some((
+            r["file"].as_str()?.to_owned(),
+            r["role"].as_str()?.to_owned(),
+            r["rms_um"].as_f64()?,
+        ))
+    };
+    let all = json["records"].as_array();
+    all.map_or_else(Vec::new, |all| all.iter().filter_map(record).collect())
+}
+
 /// What matters of an error, as the method says: 2 %.
 const MATTERS: f64 = 1.02;
 
@@ -87,13 +100,6 @@ impl FinderAnswer {
                 .as_f64()
                 .or_else(|| errors["identify"].as_f64())
         };
-        let record = |r: &Value| {
-            Some((
-                r["file"].as_str()?.to_owned(),
-                r["role"].as_str()?.to_owned(),
-                r["rms_um"].as_f64()?,
-            ))
-        };
         Ok(Self {
             reason: d["reason"].as_str().unwrap_or_default().to_owned(),
             groups: groups.collect(),
@@ -102,9 +108,7 @@ impl FinderAnswer {
             before_um: error("residual_rms_um"),
             after_um: error("residual_rms_after_um"),
             noise_um: d["noise_floor_um"].as_f64(),
-            records: json["records"]
-                .as_array()
-                .map_or_else(Vec::new, |all| all.iter().filter_map(record).collect()),
+            records: records_of(json),
             verdict,
         })
     }

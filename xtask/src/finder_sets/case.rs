@@ -103,6 +103,13 @@ impl SetCase {
         }
     }
 
+    /// Where its answer is.
+    pub fn answer(&self, context: &Context, set: &str) -> Result<PathBuf, String> {
+        let answers = context.folder_of("answers")?.join(&context.label);
+        std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
+        Ok(answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_"))))
+    }
+
     /// Runs it once.
     pub fn run(
         &self,
@@ -110,9 +117,7 @@ impl SetCase {
         set: &'static str,
         results: &Results,
     ) -> Result<ResultRow, String> {
-        let answers = context.folder_of("answers")?.join(&context.label);
-        std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
-        let json = answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_")));
+        let json = self.answer(context, set)?;
         let data = self.data.to_string_lossy();
         let policy = context.policy.as_ref().map(|path| path.to_string_lossy());
         let policy: Vec<&str> = policy.iter().flat_map(|path| ["--policy", path]).collect();

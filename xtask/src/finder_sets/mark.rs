@@ -5,7 +5,7 @@ use super::answer::FinderAnswer;
 /// An "or" of more effects than this is no answer.
 const SET_MAX: usize = 3;
 /// Structures of hysteresis: loops of any are what a model without hysteresis misses.
-const LOOPS: [&str; 6] = [
+pub const LOOPS: [&str; 6] = [
     "hysteresis",
     "prandtl_ishlinskii",
     "modified_prandtl_ishlinskii",

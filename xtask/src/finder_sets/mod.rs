@@ -21,6 +21,7 @@ mod relaxation;
 pub mod results;
 mod table;
 mod table_of_numbers;
+mod true_effects;
 
 use crate::workspace::{built, root};
 use case::{CaseCheck, Set, SetCase};
@@ -123,6 +124,10 @@ pub struct Request {
     /// Runs nothing and prints the table
     #[arg(long)]
     table: bool,
+    /// Runs no search: fits the true effects of each case that ran with this label, and lists where they fit
+    /// better than the search's end
+    #[arg(long)]
+    true_effects: bool,
     /// Sets, by default all
     #[arg(value_parser = SETS.map(|set| set.name))]
     sets: Vec<String>,
@@ -161,12 +166,29 @@ pub fn run(request: &Request) -> Result<(), String> {
         |set: &&Set| request.sets.is_empty() || request.sets.iter().any(|name| name == set.name);
     for set in SETS.iter().filter(wanted) {
         match (set.cases)(&context, request.sample) {
+            Ok(cases) if request.true_effects => compare_truth(&context, set, &cases)?,
             Ok(cases) => run_set(&context, set, &cases, &mut results)?,
             // A set whose data are not here reports that; the others run.
             Err(problem) => println!("{:<12} not run: {problem}", set.name),
         }
     }
-    table::print(&SETS, &Results::all()?);
+    if !request.true_effects {
+        table::print(&SETS, &Results::all()?);
+    }
+    Ok(())
+}
+
+fn compare_truth(context: &Context, set: &Set, cases: &[SetCase]) -> Result<(), String> {
+    let (mut lost, mut compared) = (0, 0);
+    for case in cases {
+        let better = true_effects::fit_better(case, context, set.name)?;
+        compared += usize::from(better.is_some());
+        lost += usize::from(better == Some(true));
+    }
+    println!(
+        "{:<12} true effects fit better in {lost} of {compared}",
+        set.name
+    );
     Ok(())
 }
 

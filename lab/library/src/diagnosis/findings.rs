@@ -2,6 +2,7 @@
 //! model without it, for which a search of its own looked, beside the one with it.
 
 use super::judgement::Judged;
+use super::policy::Policy;
 use super::pool::{Entry, Move, Pool};
 use super::screening::Screening;
 use super::selection::{Fate, confidence_set_in};
@@ -11,6 +12,7 @@ use crate::outcome::{Evidence, Finding, Residuals};
 use crate::parallel;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Doubt;
+use std::collections::BTreeSet;
 
 /// One thing that the simplest kept models have: the same move in all, or in each one of these.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,6 +139,28 @@ pub fn unlikely(model: &Model, id: &str) -> Option<String> {
     Some(because)
 }
 
+/// How far models are fitted before a test compares them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fits {
+    /// As far as a search compares them.
+    ForComparison,
+    /// To their end: a good held-out error half way is chance.
+    ToTheEnd,
+}
+
+impl Fits {
+    /// Fits a model of a pool so far; whether it was there before.
+    fn bring(self, pool: &mut Pool, key: &str) -> bool {
+        let entry = &pool.entries[key];
+        match self {
+            Self::ToTheEnd if !entry.finished && !pool.study.budget.is_over() => pool.finish(key),
+            _ if !entry.compared => pool.compare(&[key.to_owned()]),
+            _ => return true,
+        }
+        false
+    }
+}
+
 /// A slot that survives its test.
 pub struct Tested {
     /// What is missing: one of these.
@@ -155,14 +179,15 @@ pub struct Tested {
 /// rejected and no single exchange explains it, nothing says which effect stands in for which: the slot is
 /// left out.
 #[must_use]
-pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
+pub fn test_slots(pool: &mut Pool, minimal: &[String], fits: Fits) -> Vec<Tested> {
     let Some(best) = minimal.first() else {
         return Vec::new();
     };
+    fits.bring(pool, best);
     let entries: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
     let each = slots(&entries).into_iter().zip(entries[0].moves.clone());
     let tested: Vec<Option<Tested>> = each
-        .map(|(slot, own)| test(pool, slot, &own, best))
+        .map(|(slot, own)| test(pool, slot, &own, best, fits))
         .collect();
     let ordered = |mut case: Tested| {
         case.slot.moves = likeliest_first(pool, &case, minimal);
@@ -172,10 +197,10 @@ pub fn test_slots(pool: &mut Pool, minimal: &[String]) -> Vec<Tested> {
 }
 
 /// Tests a slot; `own` is its move in the best model.
-fn test(pool: &mut Pool, mut slot: Slot, own: &Move, best: &str) -> Option<Tested> {
+fn test(pool: &mut Pool, mut slot: Slot, own: &Move, best: &str, fits: Fits) -> Option<Tested> {
     let mut as_good = Vec::new();
     loop {
-        let without = best_without(pool, &slot, best)?;
+        let without = best_without(pool, &slot, best, fits)?;
         if let Some(standard_errors) = rejected_by(pool, &without, best) {
             return Some(Tested {
                 slot,
@@ -189,6 +214,9 @@ fn test(pool: &mut Pool, mut slot: Slot, own: &Move, best: &str) -> Option<Teste
         let before = as_good.len();
         for by in instead {
             let exchanged = exchange(pool, [best, &without], own, &by);
+            if let Some(key) = &exchanged {
+                fits.bring(pool, key);
+            }
             // What denies a name takes its place: both are asked the same.
             let exchanged = exchanged.filter(|key| rejected_by(pool, key, best).is_none());
             slot.moves.extend(exchanged.is_some().then_some(by));
@@ -256,18 +284,17 @@ fn likeliest_first(pool: &Pool, case: &Tested, minimal: &[String]) -> Vec<Move> 
 
 /// The best model of a pool that has nothing of a slot and no more moves than another: two effects in the
 /// place of one do not deny it. It is fitted as far as it can be compared.
-fn best_without(pool: &mut Pool, slot: &Slot, with: &str) -> Option<String> {
+fn best_without(pool: &mut Pool, slot: &Slot, with: &str, fits: Fits) -> Option<String> {
     let size = pool.entries[with].moves.len();
     let lacks = |e: &Entry| slot.moves.iter().all(|m| !e.moves.contains(m));
     loop {
         let mut ranked = pool.ranked().into_iter();
         let best = ranked.find(|(_, e)| !e.is_excluded() && e.moves.len() <= size && lacks(e));
         let key = best?.0.clone();
-        if pool.entries[&key].compared {
+        if fits.bring(pool, &key) {
             pool.weigh(&[key.clone(), with.to_owned()]);
             return Some(key);
         }
-        pool.compare(&[key]);
     }
 }
 
@@ -295,7 +322,7 @@ fn rejected_by(pool: &Pool, without: &str, with: &str) -> Option<f64> {
 /// # Errors
 /// A candidate that gives something that is no number.
 pub fn weigh(pool: &mut Pool, minimal: &mut Vec<String>) -> Result<Vec<Weighed>> {
-    let cases = test_slots(pool, minimal);
+    let cases = test_slots(pool, minimal, Fits::ToTheEnd);
     let study = pool.study;
     let weighed = parallel::map(&cases, |case| {
         let [without, with] = [&case.without, &minimal[0]].map(|key| &pool.entries[key]);
@@ -309,6 +336,25 @@ pub fn weigh(pool: &mut Pool, minimal: &mut Vec<String>) -> Result<Vec<Weighed>>
         }
     }
     Ok(weighed)
+}
+
+/// What is a name of what was weighed, and what stays open: what no search tried to do without, and what could
+/// be more effects than say something. `ablated` holds what searches did without; none where all was tried in
+/// the place of all.
+#[must_use]
+pub fn names_and_open(
+    weighed: Vec<Weighed>,
+    ablated: Option<&BTreeSet<Vec<String>>>,
+    policy: &Policy,
+) -> [Vec<Weighed>; 2] {
+    let is_name = |w: &Weighed| {
+        let effects = w.slot.effects();
+        let did_without = |ids: &Vec<String>| ids.iter().all(|id| effects.contains(id));
+        w.slot.moves.len() <= policy.alternatives_max
+            && (effects.is_empty() || ablated.is_none_or(|each| each.iter().any(did_without)))
+    };
+    let (names, open) = weighed.into_iter().partition(is_name);
+    [names, open]
 }
 
 fn with_evidence(study: &Study, case: &Tested, [without, with]: [&Entry; 2]) -> Result<Weighed> {
@@ -343,7 +389,6 @@ fn is_better_somewhere([one, other]: [Residuals; 2], share: f64) -> bool {
 mod tests {
     use super::*;
     use crate::dataset::{Dataset, Record, Role};
-    use crate::diagnosis::policy::Policy;
     use crate::diagnosis::pool::{added, key};
     use crate::identification::noise_floor::noise_floor;
     use crate::model_file::effects_named;
@@ -393,7 +438,7 @@ mod tests {
         let best = with("sensor_bandwidth,creep");
         let keys = [key(&best.moves, &best.judged.model)];
         let found = |pool: &mut Pool| -> Vec<Vec<String>> {
-            let tested = test_slots(pool, &keys).into_iter();
+            let tested = test_slots(pool, &keys, Fits::ToTheEnd).into_iter();
             // Lags in front of a stage without loops and behind it do exactly as well.
             let sorted = |case: Tested| {
                 let mut effects = case.slot.effects();
@@ -410,6 +455,19 @@ mod tests {
             found(&mut pool),
             [["amplifier_bandwidth", "sensor_bandwidth"]]
         );
+        // A name is what a search tried to do without, and one of few.
+        let names = |pool: &mut Pool, ablated: &[&str], most: usize| {
+            let weighed = weigh(pool, &mut keys.to_vec()).unwrap();
+            let ablated = ablated.iter().map(|id| vec![(*id).to_owned()]).collect();
+            let policy = Policy {
+                alternatives_max: most,
+                ..Policy::default()
+            };
+            names_and_open(weighed, Some(&ablated), &policy).map(|each| each.len())
+        };
+        assert_eq!(names(&mut pool, &["sensor_bandwidth"], 2), [1, 0]);
+        assert_eq!(names(&mut pool, &["sensor_bandwidth"], 1), [0, 1]);
+        assert_eq!(names(&mut pool, &["creep"], 2), [0, 1]);
     }
 
     #[test]

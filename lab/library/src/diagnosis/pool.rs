@@ -43,6 +43,8 @@ pub struct Entry {
     pub(crate) extended: bool,
     /// It was fitted far enough to be compared with others.
     pub(crate) compared: bool,
+    /// It was fitted to its end.
+    pub(crate) finished: bool,
     /// All values are held but those of its moves, as beside a prior model.
     pub(crate) held: bool,
     /// Its losses on all judged samples, once it was compared with others.
@@ -63,6 +65,7 @@ impl Entry {
             excluded,
             extended: false,
             compared,
+            finished: false,
             held: false,
             losses: None,
         }
@@ -237,6 +240,20 @@ impl<'s, 'a> Pool<'s, 'a> {
                 return;
             }
             self.compare(&pending);
+        }
+    }
+
+    /// Fits an entry to its end, on all samples.
+    pub(crate) fn finish(&mut self, key: &str) {
+        let Some(entry) = self.entries.get_mut(key).filter(|e| !e.finished) else {
+            return;
+        };
+        entry.finished = true;
+        let whole = self.study.thoroughly(&entry.judged.model);
+        if whole.identify_rms_um.is_finite() {
+            let losses = Losses::of_judged(self.study, &whole);
+            entry.fitted_further(self.study, self.study.judged_quickly(whole.model));
+            entry.losses = Some(losses);
         }
     }
 

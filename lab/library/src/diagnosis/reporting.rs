@@ -27,6 +27,8 @@ pub struct Found<'a> {
     pub named: &'a Judged,
     /// What the simplest kept models have.
     pub weighed: &'a [Weighed],
+    /// What survives its test and is no name.
+    pub open: &'a [Weighed],
     /// The simplest kept models.
     pub models: &'a [KeptModel],
     /// The same as they are in the pool.
@@ -104,7 +106,8 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         });
     }
     // A name that no search tried to do without may be wrong, at the noise as well.
-    let is_early = found.out_of_time && (!findings.is_empty() || !within(policy.explained));
+    let found_some = !findings.is_empty() || !found.open.is_empty();
+    let is_early = found.out_of_time && (found_some || !within(policy.explained));
     let reason = blocked
         .or_else(|| found.stopped.then_some(Reason::Stopped))
         .or_else(|| below.then_some(Reason::BelowTheNoise))
@@ -117,7 +120,12 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     });
     let only_values = findings.iter().all(|f| f.effects.is_empty());
     // What a search found that ended early is no name.
+    let reason = reason.or_else(|| {
+        let says_little = findings.is_empty() && !found.open.is_empty();
+        says_little.then_some(Reason::ManyAlternatives)
+    });
     let early = matches!(reason, Some(Reason::Stopped | Reason::OutOfTime));
+    let open: Vec<Finding> = found.open.iter().map(Weighed::finding).collect();
     let new = |judged: &Judged| {
         let mut ids = judged.model.effect_ids();
         ids.retain(|id| {
@@ -125,10 +133,11 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         });
         ids
     };
-    let so_far: Vec<String> = match (early, findings.is_empty()) {
-        (false, _) => Vec::new(),
-        (true, true) => new(found.last),
-        (true, false) => findings.iter().flat_map(about).cloned().collect(),
+    let so_far: Vec<String> = if early && findings.is_empty() && open.is_empty() {
+        new(found.last)
+    } else {
+        let names = findings.iter().filter(|_| early).chain(&open);
+        names.flat_map(about).cloned().collect()
     };
     if early {
         findings.clear();
@@ -162,7 +171,8 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         found.named.model.effect(id).is_some()
             && by_id(id).is_some_and(|e| !e.declaration().candidate)
     };
-    also_in_the_model.retain(|id| !early && !named.contains(id) && !describes(id));
+    also_in_the_model
+        .retain(|id| !early && !named.contains(id) && !so_far.contains(id) && !describes(id));
     let rms_um = found.last.error_um();
     let issues = std::mem::take(&mut found.issues);
     let mut out = Diagnosis {

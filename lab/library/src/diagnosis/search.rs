@@ -48,6 +48,9 @@ pub struct Search<'s, 'a> {
     pub untested: bool,
 }
 
+/// Models that are fitted between two looks at the budget: enough for the cores of a desk.
+const AT_ONCE: usize = 4;
+
 /// A model that is worth fitting.
 struct Proposal {
     key: String,
@@ -226,16 +229,30 @@ impl<'s, 'a> Search<'s, 'a> {
             && structure(&entry.judged.model).as_deref() == Some(gain::ID)
     }
 
+    /// Fits proposals, the most promising of each kind first, until the budget ends.
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        let fitted = parallel::map(&proposals, |p| {
+        for portion in proposals.chunks(AT_ONCE) {
+            if self.study.budget.is_over() {
+                return;
+            }
+            self.fit_portion(portion);
+        }
+    }
+
+    fn fit_portion(&mut self, proposals: &[Proposal]) {
+        let fitted = parallel::map(proposals, |p| {
             self.study.quickly_beside(&p.begin, &p.begun, p.of)
         });
-        for (proposal, judged) in proposals.into_iter().zip(fitted) {
+        for (proposal, judged) in proposals.iter().zip(fitted) {
             if self.study.merit(&judged) > proposal.of + self.study.policy.hopeless {
                 self.hopeless.insert(names(&proposal.moves));
             }
-            self.pool
-                .keep(Entry::new(self.study, proposal.moves, judged, false));
+            self.pool.keep(Entry::new(
+                self.study,
+                proposal.moves.clone(),
+                judged,
+                false,
+            ));
         }
     }
 

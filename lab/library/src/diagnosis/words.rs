@@ -262,6 +262,7 @@ pub fn sentence(
         said.headline(),
         said.other_values(),
         said.not_needed(),
+        said.open(),
         said.remainder(),
         said.physics(),
         said.loops(),
@@ -424,6 +425,11 @@ impl<'a> Said<'a> {
                     self.so_far()
                 )
             }
+            Some(Reason::ManyAlternatives) => format!(
+                "Something is missing that this data cannot name: {} do as well as each other. The {which} is {before} nm, with one of them {after}; \
+                 {noise}. Record a drive on which they differ.",
+                list(&d.so_far, "and")
+            ),
             Some(Reason::BelowTheNoise) => format!(
                 "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until it is \
                  known which.",
@@ -441,6 +447,15 @@ impl<'a> Said<'a> {
             }
             Some(_) => "Nothing can be decided.".into(),
         }
+    }
+
+    /// What stands beside names without being one.
+    fn open(&self) -> String {
+        let d = self.diagnosis;
+        if d.so_far.is_empty() || d.verdict == Verdict::Undecidable {
+            return String::new();
+        }
+        format!(" Not decided: {}.", list(&d.so_far, "and"))
     }
 
     fn so_far(&self) -> String {

@@ -395,6 +395,8 @@ pub enum Reason {
     Stopped,
     /// The time was over before the search was.
     OutOfTime,
+    /// What is missing may be any of many effects, which the data do not distinguish.
+    ManyAlternatives,
 }
 
 impl Issue {
