@@ -57,6 +57,12 @@ pub fn build() -> Result<(), String> {
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--workspace"])
 }
 
+/// The servo as a static library for a controller whose program is in C.
+pub fn servo_for_c() -> Result<(), String> {
+    let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
+    toolchain.build(&toolchain::FIRMWARE, &root(), &["-p", "hysteron-c"])
+}
+
 /// What the image may take; a change that needs more has to change these numbers. 1 KiB of it looks at what
 /// is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of its
 /// model. 5 KiB more are the sliding-mode law, the self-test, the judgement of a conditioning, waveforms of

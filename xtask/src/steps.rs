@@ -74,6 +74,7 @@ pub const LIBRARY: &[CheckStep] = &[
 /// The cross-build.
 pub const FIRMWARE: &[CheckStep] = &[
     CheckStep("firmware for thumbv7em-none-eabihf", images::build),
+    CheckStep("the servo as a library for C on it", images::servo_for_c),
     CheckStep(
         "control interrupt's code: in its own memory, no float, no panic",
         images::check,
@@ -109,7 +110,7 @@ pub const PACKAGES: &[CheckStep] = &[CheckStep("packages as they are published",
 /// What takes long, beside the check.
 const LONG: &[CheckStep] = &[
     CheckStep(
-        "tests that take long (72 independent stages)",
+        "tests that take long (72 independent stages, 330,000 damaged inputs)",
         checks::long_tests,
     ),
     CheckStep(
