@@ -12,9 +12,9 @@ use std::process::Command;
 use crate::cost::{self, Share, Stopwatch};
 use crate::workspace::root;
 use crate::{
-    board, board_tune, browser, checks, debian, figures, house, images, lab_page, library_alone,
-    mutate, packages, pipython, prose, public_items, python_package, result_tables, skipped_tests,
-    toolchain, virtual_environment, whole_circle,
+    board, board_tune, browser, checks, debian, dependency_licences, figures, house, images,
+    lab_page, library_alone, mutate, packages, pipython, prose, public_items, python_package,
+    result_tables, skipped_tests, toolchain, virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -34,6 +34,7 @@ pub const QUICK: &[CheckStep] = &[
 pub const HOUSE: &[CheckStep] = &[
     CheckStep("workflows, citation, licences", house::lint),
     CheckStep("manifests", packages::manifests),
+    CheckStep("licences of dependencies", dependency_licences::check),
 ];
 
 /// The steps that need only the host's toolchain.

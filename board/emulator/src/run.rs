@@ -63,7 +63,7 @@ pub fn bench_envelope() -> SafetyEnvelope {
         // Shorter than the manual's: a run need not wait a tenth of a second for it.
         healthy_ms: 5,
         capacitance_nf: 1_500,
-        current_ua: 20_000,
+        current_ua: 60_000,
         drive_reads_back: false,
         monitor_at_code_0_uv: 0,
         monitor_span_uv: 0,
@@ -112,6 +112,8 @@ pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
         DriveCode::new(code.steps() << bench.dac_bits.saturating_sub(scale.dac_bits))
     };
     let lowest = codes(scale.dac_code(scale.drive_min_v));
+    let sensor_span_um = scale.adc_lsb_um * 2f64.powi(i32::from(scale.adc_bits));
+    let sensor_span_nm = (sensor_span_um * 1e3).round() as u32;
     SafetyEnvelope {
         drive_at_code_0_uv: (scale.dac_zero_v * 1e6).round() as i32,
         drive_span_uv: (scale.dac_lsb_v * 2f64.powi(i32::from(scale.dac_bits)) * 1e6).round()
@@ -119,8 +121,11 @@ pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
         drive_min: lowest,
         drive_max: codes(scale.dac_code(scale.drive_max_v)),
         safe_code: lowest,
-        sensor_span_nm: (scale.adc_lsb_um * 2f64.powi(i32::from(scale.adc_bits)) * 1e3).round()
-            as u32,
+        sensor_span_nm,
+        // A stage's range is at most what its sensor reads: `design` asks for a fifth of it, and for jumps of
+        // less than half.
+        tracking_error_nm: sensor_span_nm / 5,
+        jump_within_nm: sensor_span_nm / 2,
         ..bench
     }
 }

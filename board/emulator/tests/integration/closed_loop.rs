@@ -8,7 +8,7 @@ use common::{
     samples,
 };
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, envelope_bytes, unguarded_envelope};
+use hysteron_emulator::run::{MILLISECOND, Script};
 use hysteron_sim::bench::{Bench, Variant};
 
 /// Frequencies, mHz, of the sines of 5 um.
@@ -48,8 +48,6 @@ fn sines_agree_with_the_host_to_the_last_bit() {
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),
-        // 5 um at 150 Hz take more current than the bench's amplifier has.
-        envelope: Some(envelope_bytes(&unguarded_envelope())),
         commands: vec![
             (
                 2 * MILLISECOND,
