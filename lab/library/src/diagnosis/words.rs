@@ -626,6 +626,9 @@ impl<'a> Said<'a> {
     }
 }
 
+/// Records whose speeds differ by more than this factor do not move at one speed.
+const ANOTHER_SPEED: f64 = 1.2;
+
 /// What the data leave open.
 #[must_use]
 pub fn cannot_identify(what: &CannotIdentify) -> String {
@@ -637,10 +640,16 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
         CannotIdentify::MinorLoops => {
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()
         }
-        CannotIdentify::RateDependence { speed_v_s } if *speed_v_s < 0.5 => {
+        CannotIdentify::RateDependence { speed_v_s, .. } if *speed_v_s < 0.5 => {
             "rate dependence: the drive jumps and holds, at no speed between, so loops at other speeds are a guess".into()
         }
-        CannotIdentify::RateDependence { speed_v_s } => {
+        CannotIdentify::RateDependence {
+            speed_v_s,
+            slowest_v_s,
+        } if *speed_v_s > ANOTHER_SPEED * slowest_v_s => format!(
+            "rate dependence: the drive moves at {slowest_v_s:.0} to {speed_v_s:.0} V/s, so loops at other speeds are a guess"
+        ),
+        CannotIdentify::RateDependence { speed_v_s, .. } => {
             format!("rate dependence: the drive moves at one speed only (about {speed_v_s:.0} V/s), so loops at other speeds are a guess")
         }
     }
