@@ -17,7 +17,8 @@
 //! # Arming
 //! Behind a start and behind every fault the amplifier's power stage is off ([`Amplifier::powered`]), and
 //! nothing plays or closes until somebody arms it ([`Command::Arm`]): the power stage is switched on at rest,
-//! and a small step shows that the drive moves the sensor as the model says ([`crate::self_test`]).
+//! and a small step shows that the drive moves the sensor as the model says ([`crate::self_test`]). Where the
+//! amplifier's output is read, a step without power comes first: a relay that is welded shows.
 //! [`Command::Disarm`] goes to rest and switches it off there.
 //!
 //! A fault of the output itself ([`Fault::is_of_output`]) switches it off at once: the ramp to rest would not
@@ -468,12 +469,13 @@ impl Amplifier {
             }
             Command::Arm { tested } => {
                 self.at_rest()?;
-                self.powered = true;
+                let begins_without_power = tested && !self.powered && self.output.is_some();
+                self.powered = !begins_without_power;
                 self.armed = !tested;
                 self.tested = false;
                 if tested {
                     self.begin_playing(0, 0);
-                    self.self_test = Some(SelfTest::new(&self.parameters));
+                    self.self_test = Some(SelfTest::new(&self.parameters, begins_without_power));
                 }
             }
             _ if !self.armed => return Err(Refusal::NotArmed),
@@ -723,11 +725,12 @@ impl Amplifier {
         };
         let code = self.servo.open_loop(self.guard.towards(self.code, aim));
         let applied = self.servo.applied().to_bits();
-        match self
-            .self_test
-            .as_mut()
-            .and_then(|test| test.take(reading, code == aim, applied))
-        {
+        let verdict = self.self_test.as_mut().and_then(|test| {
+            let verdict = test.take(reading, code == aim, applied);
+            self.powered |= test.is_powered();
+            verdict
+        });
+        match verdict {
             None => {}
             Some(Ok(())) => {
                 self.self_test = None;

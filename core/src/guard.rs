@@ -33,7 +33,7 @@
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
-//! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
+//! | output is not the drive or moves while it is off, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
 //! | drive's converter holds another code | its register, read back | power off at once |
 //! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
@@ -110,11 +110,13 @@ pub enum Fault {
     LoopSwings = 32,
     /// What the operator kept is damaged, or of another version or sampling rate.
     KeptSettings = 33,
+    /// The amplifier's output moves away from rest while its power stage is switched off.
+    OutputWhileOff = 34,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 33] = [
+    pub const ALL: [(Self, &'static str); 34] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -163,6 +165,10 @@ impl Fault {
             Self::KeptSettings,
             "kept settings are damaged or of another version",
         ),
+        (
+            Self::OutputWhileOff,
+            "output of the amplifier moves while it is switched off",
+        ),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
@@ -172,7 +178,11 @@ impl Fault {
     pub fn is_of_output(self) -> bool {
         matches!(
             self,
-            Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld | Self::DriveSilent
+            Self::OutputDiffers
+                | Self::OutputWhileOff
+                | Self::MonitorOutOfRange
+                | Self::DriveNotHeld
+                | Self::DriveSilent
         )
     }
 
@@ -226,9 +236,10 @@ pub struct Guard {
     last_code: Option<SensorCode>,
     same: u16,
     /// Ticks since the tracking error exceeded its limit, and for how many it has been within it since.
-    late: u16,
+    late: u32,
     within: u16,
-    slewing: u16,
+    /// Ticks in which the law wanted more than the slew limit, less those in which it did not.
+    slewing: u32,
     healthy: u16,
 }
 
@@ -313,7 +324,7 @@ impl Guard {
         } else {
             self.slewing.saturating_sub(1)
         };
-        if self.slewing > p.tracking_ticks {
+        if self.slewing > u32::from(p.tracking_ticks) {
             self.slewing = 0;
             return Some(Fault::DriveSlew);
         }
@@ -327,7 +338,7 @@ impl Guard {
             self.within += 1;
         }
         self.late = self.late.saturating_add(1);
-        (large && self.late > p.tracking_ticks).then_some(Fault::TrackingError)
+        (large && self.late > u32::from(p.tracking_ticks)).then_some(Fault::TrackingError)
     }
 
     /// Whether the sensor was healthy long enough to clear a fault.
@@ -361,6 +372,7 @@ mod tests {
     extern crate std;
     use super::*;
     use proptest::prelude::*;
+    use std::collections::BTreeSet;
 
     const PARAMETERS: GuardParameters = GuardParameters {
         adc_code_min: SensorCode::new(16),
@@ -409,25 +421,6 @@ mod tests {
     }
 
     proptest! {
-        /// Any error that exceeds its limit at least once in every `tracking_ticks` ticks, of any form and
-        /// sign, is a fault before twice as many ticks have passed.
-        #[test]
-        fn an_error_that_comes_again_and_again_is_a_fault(
-            ticks in 1u16..400,
-            gaps in prop::collection::vec((0u16..400, any::<bool>(), 1i32..1 << 30), 800),
-        ) {
-            let mut guard = Guard::new(GuardParameters { tracking_ticks: ticks, ..PARAMETERS });
-            let errors = gaps.iter().flat_map(|(gap, negative, beyond)| {
-                let error = (1 << 24) + beyond;
-                let quiet = std::iter::repeat_n(1 << 24, usize::from(gap % ticks));
-                std::iter::once(if *negative { -error } else { error }).chain(quiet)
-            });
-            let first = errors.take(4 * usize::from(ticks)).position(|error| {
-                guard.inspect_loop(error, false) == Some(Fault::TrackingError)
-            });
-            prop_assert!(first.is_some_and(|first| first < 2 * usize::from(ticks)), "{first:?}");
-        }
-
         /// A sinusoidal error of any frequency whose RMS exceeds the limit is a fault.
         #[test]
         fn a_sine_above_the_limit_is_a_fault_at_every_frequency(
@@ -456,6 +449,132 @@ mod tests {
                 for _ in 0..=ticks {
                     prop_assert_eq!(guard.inspect_loop(0, false), None);
                 }
+            }
+        }
+    }
+
+    /// The guard of a loop in any state, with any limit of the time.
+    fn in_state(tracking_ticks: u16, late: u32, within: u16, slewing: u32) -> Guard {
+        let parameters = GuardParameters {
+            tracking_ticks,
+            ..PARAMETERS
+        };
+        Guard {
+            late,
+            within,
+            slewing,
+            ..Guard::new(parameters)
+        }
+    }
+
+    /// One tick from every state, for every limit of the time: what it counts, and when it is a fault. The
+    /// tick compares its counters with 0 and with that limit, so numbers beside these stand for all others.
+    #[test]
+    fn a_tick_of_the_guard_counts_and_trips_as_specified() {
+        let limit = PARAMETERS.tracking_error;
+        let errors = [i32::MIN, -limit - 1, -limit, 0, limit, limit + 1, i32::MAX];
+        for ticks in 0..=u16::MAX {
+            let beside = |n: u32| [0, 1, n.saturating_sub(1), n, n + 1, u32::MAX];
+            for (late, within) in beside(ticks.into()).into_iter().flat_map(|late| {
+                [0, 1, ticks.saturating_sub(1), ticks].map(|within| (late, within))
+            }) {
+                for error in errors {
+                    let large = error.saturating_abs() > limit;
+                    let mut guard = in_state(ticks, late, within, 0);
+                    let fault = guard.inspect_loop(error, false);
+                    let ended = !large && (late == 0 || within >= ticks);
+                    let counted = if ended { 0 } else { late.saturating_add(1) };
+                    let trips = large && counted > u32::from(ticks);
+                    assert_eq!(fault, trips.then_some(Fault::TrackingError));
+                    assert_eq!(guard.late, counted, "{ticks} {late} {within} {error}");
+                    if !ended {
+                        assert_eq!(guard.within, if large { 0 } else { within + 1 });
+                    }
+                }
+            }
+            for (slewing, wants) in beside(ticks.into())
+                .into_iter()
+                .flat_map(|n| [(n, true), (n, false)])
+            {
+                let mut guard = in_state(ticks, 0, 0, slewing);
+                let fault = guard.inspect_loop(0, wants);
+                let counted = if wants {
+                    slewing.saturating_add(1)
+                } else {
+                    slewing.saturating_sub(1)
+                };
+                let trips = counted > u32::from(ticks);
+                assert_eq!(
+                    fault,
+                    trips.then_some(Fault::DriveSlew),
+                    "{ticks} {slewing}"
+                );
+                assert_eq!(guard.slewing, if trips { 0 } else { counted });
+            }
+        }
+    }
+
+    /// Every error that exceeds its limit at least once in every `tracking_ticks` ticks, of whatever form and
+    /// sign, is a fault before twice as many ticks have passed: all of its sequences are tried at once, as the
+    /// set of states in which they leave the guard.
+    #[test]
+    fn an_error_that_comes_again_and_again_is_a_fault() {
+        for ticks in 1u16..=400 {
+            let mut states = BTreeSet::from([(0, 0)]);
+            for tick in 0.. {
+                let mut next = BTreeSet::new();
+                for (late, within) in &states {
+                    for large in [true, false] {
+                        // The first is large, and between two large ones are fewer small ones than that.
+                        if !large && (tick == 0 || within + 1 == ticks) {
+                            continue;
+                        }
+                        let mut guard = in_state(ticks, *late, *within, 0);
+                        let error = if large { 2 << 24 } else { 0 };
+                        if guard.inspect_loop(error, false).is_none() {
+                            next.insert((guard.late, guard.within));
+                        }
+                    }
+                }
+                states = next;
+                if states.is_empty() {
+                    assert!(tick < 2 * u32::from(ticks), "{ticks}: {tick}");
+                    break;
+                }
+            }
+        }
+    }
+
+    /// From every code to every aim, of 6 bits and at the ends of 20.
+    #[test]
+    fn a_way_to_rest_is_no_faster_than_its_ramp_and_does_not_turn() {
+        let step = |code: u32, aim: u32, ramp_codes: u32| {
+            let guard = Guard::new(GuardParameters {
+                ramp_codes,
+                ..PARAMETERS
+            });
+            let next = guard
+                .towards(DriveCode::new(code), DriveCode::new(aim))
+                .steps();
+            let way = code.abs_diff(aim).saturating_sub(ramp_codes.max(1));
+            assert!(
+                next.abs_diff(code) <= ramp_codes.max(1) && next.abs_diff(aim) == way,
+                "{code} to {aim} by {ramp_codes}: {next}"
+            );
+        };
+        for (code, aim) in (0..64).flat_map(|code| (0..64).map(move |aim| (code, aim))) {
+            (0..64).for_each(|ramp| step(code, aim, ramp));
+        }
+        let most = DriveCode::MOST.steps();
+        for (code, aim) in [
+            (0, most),
+            (most, 0),
+            (1, most - 1),
+            (most - 1, 1),
+            (most, most),
+        ] {
+            for ramp in [0, 1, most / 2, most - 1, most] {
+                step(code, aim, ramp);
             }
         }
     }

@@ -9,8 +9,12 @@
 //! bound it moves towards the drive at least as fast as the bound does. A reading further than the
 //! tolerance outside of them is a fault: wrong gain, a dead amplifier, a block for another amplifier.
 //!
+//! While the power stage is off the output decays as slowly as it likes and may only come nearer to rest: what
+//! moves away from it by more than the tolerance is a fault. A relay that is welded shows so in the step that
+//! arming makes without power ([`crate::self_test`]).
+//!
 //! A reading within [`MARGIN`] of the converter's ends is a cable that is open or shorted: the wiring keeps
-//! honest ones away from them.
+//! honest ones away from them. While the power stage is off it is no fault: the amplifier may have no supply.
 
 use crate::guard::Fault;
 use crate::signal::{narrow, volts};
@@ -27,6 +31,8 @@ pub struct MonitorParameters {
     pub zero: i32,
     /// Drive per code of 65,536, V with 38 fraction bits.
     pub step: i64,
+    /// Drive at rest, V with 22 fraction bits.
+    pub rest: i32,
     /// Furthest that a reading may lie outside the bounds, V with 22 fraction bits.
     pub tolerance: i32,
     /// What a bound loses of its distance to the drive in a tick, with 31 fraction bits.
@@ -37,11 +43,12 @@ pub struct MonitorParameters {
 }
 
 impl MonitorParameters {
-    /// From the scale in uV, the tolerance in mV and the longest time constant in us.
+    /// From the scale and the drive at rest in uV, the tolerance in mV and the longest time constant in us.
     #[must_use]
     pub fn new(
         at_code_0_uv: i32,
         span_uv: u32,
+        rest_uv: i64,
         tolerance_mv: u16,
         lag_us: u32,
         sample_rate_hz: u32,
@@ -54,6 +61,7 @@ impl MonitorParameters {
             zero: microvolts(at_code_0_uv.into()),
             // uV over 65,536 codes.
             step: ((i128::from(span_uv) << 22) / 1_000_000) as i64,
+            rest: microvolts(rest_uv),
             tolerance: volts(i32::from(tolerance_mv)),
             decay,
             settle_ticks: sample_rate_hz / 10,
@@ -82,8 +90,8 @@ impl OutputMonitor {
     pub fn new(parameters: MonitorParameters) -> Self {
         Self {
             parameters,
-            lowest: 0,
-            highest: 0,
+            lowest: i32::MIN,
+            highest: i32::MAX,
             powered_ticks: 0,
         }
     }
@@ -93,8 +101,10 @@ impl OutputMonitor {
     #[inline]
     pub fn inspect(&mut self, code: Option<u16>, drive: i32, powered: bool) -> Option<Fault> {
         if !powered {
-            (self.lowest, self.highest, self.powered_ticks) = (drive, drive, 0);
-            return None;
+            return self.judge_without_power(code);
+        }
+        if self.powered_ticks == 0 {
+            (self.lowest, self.highest) = (drive, drive);
         }
         let fault = if self.powered_ticks < self.parameters.settle_ticks {
             self.powered_ticks += 1;
@@ -113,19 +123,47 @@ impl OutputMonitor {
         fault
     }
 
+    /// The output that an honest code stands for.
+    #[inline]
+    fn read(&self, code: Option<u16>) -> Option<i32> {
+        let code = code.filter(|code| (MARGIN..=u16::MAX - MARGIN).contains(code))?;
+        let p = &self.parameters;
+        Some(narrow(
+            i64::from(p.zero) + ((i64::from(code) * p.step) >> 16),
+        ))
+    }
+
+    /// Whether an output is further outside the bounds than the tolerance.
+    #[inline]
+    fn is_outside(&self, read: i32) -> bool {
+        let tolerance = self.parameters.tolerance;
+        read < self.lowest.saturating_sub(tolerance)
+            || read > self.highest.saturating_add(tolerance)
+    }
+
     #[inline]
     fn judge(&self, code: Option<u16>) -> Option<Fault> {
-        let Some(code) = code.filter(|code| (MARGIN..=u16::MAX - MARGIN).contains(code)) else {
+        let Some(read) = self.read(code) else {
             return Some(Fault::MonitorOutOfRange);
         };
-        let p = &self.parameters;
-        let read = i64::from(p.zero) + ((i64::from(code) * p.step) >> 16);
-        let (lowest, highest, tolerance) = (
-            i64::from(self.lowest),
-            i64::from(self.highest),
-            i64::from(p.tolerance),
-        );
-        (read < lowest - tolerance || read > highest + tolerance).then_some(Fault::OutputDiffers)
+        self.is_outside(read).then_some(Fault::OutputDiffers)
+    }
+
+    /// The output has come as near to rest as it was read, and may not go back.
+    #[inline(never)]
+    fn judge_without_power(&mut self, code: Option<u16>) -> Option<Fault> {
+        // An amplifier without power gives 0 V, whatever rest is.
+        let rest = self.parameters.rest;
+        let (low, high) = (rest.min(0), rest.max(0));
+        if self.powered_ticks > 0 {
+            (self.lowest, self.highest) = (self.lowest.min(low), self.highest.max(high));
+            self.powered_ticks = 0;
+        }
+        let read = self.read(code)?;
+        let is_outside = self.is_outside(read);
+        self.highest = self.highest.min(read.max(high));
+        self.lowest = self.lowest.max(read.min(low));
+        is_outside.then_some(Fault::OutputWhileOff)
     }
 }
 
@@ -136,7 +174,7 @@ mod tests {
 
     /// -30 to 150 V over 65,536 codes, 0.5 V, 2 ms.
     fn parameters() -> MonitorParameters {
-        MonitorParameters::new(-30_000_000, 180_000_000, 500, 2_000, 20_000)
+        MonitorParameters::new(-30_000_000, 180_000_000, 0, 500, 2_000, 20_000)
     }
 
     fn code(volts: f64) -> Option<u16> {
@@ -220,7 +258,40 @@ mod tests {
         assert_eq!(
             monitor.inspect(None, 0, false),
             None,
-            "nothing is looked at while the power stage is off"
+            "the amplifier may have no supply"
+        );
+    }
+
+    #[test]
+    fn without_power_the_output_only_comes_nearer_to_rest() {
+        // At the start the output of before decays, as slowly as it likes, to 0 V or to rest.
+        let first_fault = |output: &dyn Fn(u32) -> f64| {
+            let mut monitor = OutputMonitor::new(parameters());
+            (0..20_000).find_map(|tick| {
+                let fault = monitor.inspect(code(output(tick)), fixed(0.0), false)?;
+                Some((tick, fault))
+            })
+        };
+        let decays = |tick: u32| 80.0 * (-f64::from(tick) / 5_000.0).exp() - 0.2;
+        assert_eq!(first_fault(&decays), None);
+        let welded = |tick: u32| if tick < 300 { 0.1 } else { 1.5 };
+        assert_eq!(
+            first_fault(&welded),
+            Some((300, Fault::OutputWhileOff)),
+            "a step of the self-test"
+        );
+        let downwards = |tick: u32| decays(tick.min(5_000)) - f64::from(tick / 5_001) * 40.0;
+        assert!(first_fault(&downwards).is_some(), "beyond rest");
+        // Behind a drive of 80 V that is switched off: from the bounds of that drive on.
+        let mut monitor = OutputMonitor::new(parameters());
+        for _ in 0..3_000 {
+            assert_eq!(monitor.inspect(code(80.0), fixed(80.0), true), None);
+        }
+        assert_eq!(monitor.inspect(code(79.0), fixed(80.0), false), None);
+        assert_eq!(monitor.inspect(code(40.0), fixed(0.0), false), None);
+        assert_eq!(
+            monitor.inspect(code(41.0), fixed(0.0), false),
+            Some(Fault::OutputWhileOff)
         );
     }
 }

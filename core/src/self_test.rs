@@ -7,6 +7,9 @@
 //! the mean of [`MEAN_TICKS`] readings. What the model of the actuator makes of the same codes is the motion
 //! that is expected; a law that works in volts has no such model, and its gain is not looked at.
 //!
+//! Where the amplifier's output is read, the same step comes first with the power stage still off. An output
+//! that follows it is that of a relay that is welded ([`crate::output_monitor`]).
+//!
 //! | fault | when |
 //! |---|---|
 //! | sensor is noisier than a step of the self-test | noise, peak to peak, exceeds the expected motion |
@@ -116,6 +119,8 @@ pub struct SelfTest {
     has_model: bool,
     adc_step: i64,
     settle_ticks: u32,
+    /// Steps and ways back that are left without power.
+    unpowered: u8,
     place: usize,
     ticks: u32,
     sums: [i64; 3],
@@ -124,9 +129,9 @@ pub struct SelfTest {
 }
 
 impl SelfTest {
-    /// At its beginning, the drive at rest.
+    /// At its beginning, the drive at rest; behind a step without power, or not.
     #[must_use]
-    pub fn new(parameters: &AmplifierParameters) -> Self {
+    pub fn new(parameters: &AmplifierParameters, begins_without_power: bool) -> Self {
         let (c, rest) = (&parameters.servo.converters, parameters.guard.rest_code);
         // codes per V (16) times mV
         let step = ((i64::from(c.dac_codes_per_volt) * STEP_MILLIVOLTS / 1000) >> 16).max(1) as u32;
@@ -142,6 +147,7 @@ impl SelfTest {
             has_model: has_model(&parameters.servo.actuator),
             adc_step: c.adc_step,
             settle_ticks: parameters.physical.sample_rate_hz / 10,
+            unpowered: if begins_without_power { 2 } else { 0 },
             place: 0,
             ticks: 0,
             sums: [0; 3],
@@ -154,7 +160,15 @@ impl SelfTest {
     #[inline]
     #[must_use]
     pub fn aim(&self) -> DriveCode {
-        self.places[self.place & 1]
+        let is_stepped = self.place == 1 || self.unpowered == 2;
+        self.places[usize::from(is_stepped)]
+    }
+
+    /// Whether the power stage is to be on.
+    #[inline]
+    #[must_use]
+    pub fn is_powered(&self) -> bool {
+        self.unpowered == 0
     }
 
     /// Takes a reading; `arrived`: the drive is where it was sent, which the model takes for the displacement
@@ -171,6 +185,10 @@ impl SelfTest {
         }
         self.ticks += 1;
         if self.ticks <= self.settle_ticks {
+            return None;
+        }
+        if self.unpowered > 0 {
+            (self.unpowered, self.ticks) = (self.unpowered - 1, 0);
             return None;
         }
         let place = self.place.min(2);
@@ -226,7 +244,7 @@ mod tests {
     fn run(sensor: impl Fn(i64, u32) -> i64) -> (Result<(), Fault>, Motion) {
         let parameters = example();
         let c = parameters.servo.converters;
-        let mut test = SelfTest::new(&parameters);
+        let mut test = SelfTest::new(&parameters, false);
         let mut code = parameters.guard.rest_code;
         for tick in 0.. {
             assert!(tick < 20_000, "it ends");
@@ -268,6 +286,28 @@ mod tests {
         assert!(
             (f64::from(motion.expected.expect("a model")) / 2f64.powi(24) - micrometres).abs()
                 < 2e-3
+        );
+    }
+
+    #[test]
+    fn the_step_without_power_ends_at_rest() {
+        let parameters = example();
+        let (rest, mut test) = (parameters.guard.rest_code, SelfTest::new(&parameters, true));
+        let (mut code, mut highest, mut ticks) = (rest, rest, 0);
+        while !test.is_powered() {
+            let aim = test.aim();
+            code = (code + 40).min(aim).max(code - 40);
+            highest = highest.max(code);
+            ticks += 1;
+            assert_eq!(test.take(SensorCode::new(5_000), code == aim, 0), None);
+        }
+        assert_eq!(code, rest, "the power stage is switched on at rest");
+        let step = i64::from(highest) - i64::from(rest);
+        // 140 V over 65,536 codes.
+        assert!((700..=703).contains(&step), "{step}");
+        assert!(
+            (4_000..4_100).contains(&ticks),
+            "0.1 s at either place: {ticks}"
         );
     }
 

@@ -43,7 +43,9 @@ use crate::one_sided_hysteresis::OneSidedHysteresis;
 use crate::pid_regulator::PidRegulator;
 use crate::predictor_law::PredictorLaw;
 use crate::reference_window::ReferenceWindow;
-use crate::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
+use crate::servo_parameters::{
+    ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
+};
 use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, narrow, saturate};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow, SignalFilter, step_both};
 use crate::sliding_mode_controller::{Reaching, SlidingModeController};
@@ -532,12 +534,7 @@ impl ServoTick {
             drive
         };
         let code = c.steps(wanted);
-        // At most 20 bits, and as many again: no sum leaves 32.
-        let (before, slew) = (self.code.steps() as i32, c.slew_codes as i32);
-        let within = code
-            .max(c.dac_code_min.steps() as i32)
-            .min(c.dac_code_max.steps() as i32);
-        let reached = within.max(before - slew).min(before + slew);
+        let (within, reached) = limit(c, self.code, code);
         self.slewing = reached != within;
         self.limited = i32::from(code > reached) - i32::from(code < reached);
         if self.limited == 0 {
@@ -715,6 +712,18 @@ impl ServoTick {
     }
 }
 
+/// The steps of a code within the range of the drive, and within the slew limit behind the code before too.
+#[inline(always)]
+fn limit(c: &ConverterParameters, before: DriveCode, code: i32) -> (i32, i32) {
+    // At most 20 bits, and as many again: no sum leaves 32.
+    let (before, slew) = (before.steps() as i32, c.slew_codes as i32);
+    let within = code
+        .max(c.dac_code_min.steps() as i32)
+        .min(c.dac_code_max.steps() as i32);
+    let reached = within.max(before - slew).min(before + slew);
+    (within, reached)
+}
+
 /// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.
 fn begin(
     parameters: &LawParameters,
@@ -751,6 +760,64 @@ fn begin(
         LawParameters::Predictor(parameters) => {
             let feedforward = parameters.feedforward.apply(window.positions(), saturated);
             LawState::Predictor(PredictorLaw::take_over(applied, feedforward))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::parameter_block::tests::example;
+    use crate::servo_parameters::NO_SLEW_LIMIT;
+    use std::vec::Vec;
+
+    /// One tick of the closed loop, from every code within the range: the next one is within the range, no
+    /// further away than the slew limit, and the wanted one where both allow it.
+    ///
+    /// [`limit`] picks one of five numbers by their order. Codes of 5 bits have every order of them, and the
+    /// ends of 20 bits every sum that could leave its format.
+    #[test]
+    fn the_closed_loop_keeps_range_and_slew_from_every_code() {
+        let mut c = example().servo.converters;
+        let mut tick = |[low, before, high]: [u32; 3], slew: u32, code: i32| {
+            (c.dac_code_min, c.dac_code_max) = (DriveCode::new(low), DriveCode::new(high));
+            c.slew_codes = slew;
+            let (within, reached) = limit(&c, DriveCode::new(before), code);
+            let range = low as i32..=high as i32;
+            let step = reached.abs_diff(before as i32);
+            let is_reached = range.contains(&code) && code.abs_diff(before as i32) <= slew;
+            assert!(
+                range.contains(&within)
+                    && range.contains(&reached)
+                    && step <= slew
+                    && (reached == code) == is_reached,
+                "{before} to {reached}: {code} within {range:?}, slew {slew}"
+            );
+        };
+        for before in 0..32 {
+            for (low, high) in
+                (0..=before).flat_map(|low| (before..32).map(move |high| (low, high)))
+            {
+                for slew in 1..=32 {
+                    (-2..34).for_each(|code| tick([low, before, high], slew, code));
+                }
+            }
+        }
+        let most = DriveCode::MOST.steps();
+        let ends: Vec<u32> = [0, 1, 2, most / 2, most - 2, most - 1, most].into();
+        let codes = [i32::MIN, i32::MIN + 1, -1, i32::MAX - 1, i32::MAX];
+        for before in ends.iter().copied() {
+            for low in ends.iter().copied().filter(|low| *low <= before) {
+                for high in ends.iter().copied().filter(|high| *high >= before) {
+                    for slew in ends.iter().copied().chain([NO_SLEW_LIMIT]).skip(1) {
+                        let inside = ends.iter().map(|code| *code as i32);
+                        inside
+                            .chain(codes)
+                            .for_each(|code| tick([low, before, high], slew, code));
+                    }
+                }
+            }
         }
     }
 }

@@ -360,7 +360,7 @@ mod tests {
     fn sample(tick: u32) -> TraceSample {
         TraceSample {
             tick,
-            adc_code: SensorCode::new((tick * 7919) & 0xF_FFFF ^ 0x5_a5a5),
+            adc_code: SensorCode::new(tick.wrapping_mul(7919) & 0xF_FFFF ^ 0x5_a5a5),
             dac_code: DriveCode::new(0xF_FFFF - tick),
             reference: tick as i32 * -3,
             applied: tick as i32 * 7,

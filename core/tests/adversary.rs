@@ -151,8 +151,8 @@ fn run(seed: u64, ticks: u32) -> (BTreeMap<&'static str, u32>, u32) {
     let c = block.servo.converters;
     let rest = block.guard.rest_code;
     let mut dice = Dice(seed);
-    let mut bench = Bench::new(dice.decades(0.02, 0.2), 0.02, seed);
-    let healthy = (bench.gain_um_v, bench.natural_rad_s);
+    let mut bench = Bench::new(dice.decades(0.02, 0.2), seed);
+    let healthy = (bench.gain_um_v, bench.natural_rad_s, bench.damping);
     let mut amplifier = Amplifier::new(block);
     let (mut trouble, mut until, mut last_reading) = (Trouble::None, 0, SensorCode::new(0));
     let (mut faults, mut closed) = (BTreeMap::new(), 0);
@@ -172,8 +172,9 @@ fn run(seed: u64, ticks: u32) -> (BTreeMap<&'static str, u32>, u32) {
                 1 => {
                     bench.gain_um_v = healthy.0 * dice.decades(0.7, 1.8);
                     bench.natural_rad_s = healthy.1 * dice.decades(0.6, 1.1);
+                    bench.damping = healthy.2 * dice.decades(0.01, 2.0);
                 }
-                2 | 3 => (bench.gain_um_v, bench.natural_rad_s) = healthy,
+                2 | 3 => (bench.gain_um_v, bench.natural_rad_s, bench.damping) = healthy,
                 4 => {
                     let kinds = [
                         Trouble::Silent,

@@ -26,7 +26,7 @@ fn run(current_a: f64, seed: u64) -> Swing {
     let parameters = parameters();
     let mut dice = Dice(seed * 7919 + 17);
     (0..8).for_each(|_| _ = dice.share());
-    let mut bench = Bench::new(current_a, dice.within(0.01, 0.05), seed);
+    let mut bench = Bench::new(current_a, seed);
     let mut amplifier = Amplifier::new(parameters);
     amplifier
         .command(Command::Arm { tested: false })
@@ -69,7 +69,7 @@ fn run(current_a: f64, seed: u64) -> Swing {
     if kind != 3 && kind != 0 {
         bench.gain_um_v *= dice.decades(0.7, 1.8);
         bench.natural_rad_s *= dice.decades(0.6, 1.1);
-        bench.damping *= dice.decades(0.2, 2.0);
+        bench.damping *= dice.decades(0.01, 2.0);
     }
     if kind != 3 && kind != 1 {
         let hz = |hz: f64| (hz * 1000.0) as u32;

@@ -2,6 +2,7 @@
 
 pub mod independent_stage;
 pub mod measured;
+pub mod random_input;
 pub mod running_amplifier;
 pub mod saved_model;
 pub mod servo_study;

@@ -10,7 +10,11 @@
 //!   memory has it);
 //! * a call or jump that leaves the section: panics, formatting, logging and allocation all live in flash, so
 //!   none of them is reachable;
-//! * a call through a register, whose destination the binary does not tell.
+//! * a call through a register, whose destination the binary does not tell;
+//! * a stack frame of a size that the binary does not tell, and functions that call each other in a circle.
+//!
+//! So the stack that the interrupt takes is bounded: the deepest sum of frames along calls, each frame taken
+//! as everything that its function ever pushes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -29,6 +33,8 @@ pub struct CodeFigures {
     pub control_functions: usize,
     /// Jump tables whose entry for a value that no `enum` has is an abort: reached by corrupted memory only.
     pub impossible_cases: usize,
+    /// Bytes of stack that the interrupt takes at most, what the processor stores at its entry included.
+    pub stack_bytes: u64,
     /// Bytes in flash: code, constants, initial values.
     pub flash_bytes: u64,
     /// Bytes of static data in RAM.
@@ -124,6 +130,8 @@ struct Walk {
     aborts: Vec<u64>,
     /// Functions that it calls or ends in.
     calls: Vec<u64>,
+    /// Bytes that all its instructions together take from the stack.
+    frame_bytes: u64,
     complaints: Vec<String>,
 }
 
@@ -149,7 +157,11 @@ impl Walk {
 
     /// An instruction of 16 bits; whether the next one can follow it.
     fn narrow(&mut self, at: u64, instruction: u16, comes_here: bool) -> bool {
-        if instruction & 0xFF00 == 0xDE00 {
+        if instruction & 0xFE00 == 0xB400 {
+            self.frame_bytes += 4 * u64::from((instruction & 0x1FF).count_ones());
+        } else if instruction & 0xFF80 == 0xB080 {
+            self.frame_bytes += 4 * u64::from(instruction & 0x7F);
+        } else if instruction & 0xFF00 == 0xDE00 {
             // Behind code that never comes here the compiler leaves one; whether a jump leads to it is known
             // at the end.
             if comes_here {
@@ -188,6 +200,12 @@ impl Walk {
         if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
             self.complaints
                 .push(format!("a floating-point instruction at {at:#x}"));
+        }
+        match frame_bytes(first, second) {
+            Ok(bytes) => self.frame_bytes += bytes,
+            Err(()) => self
+                .complaints
+                .push(format!("a stack frame of unknown size at {at:#x}")),
         }
         // BL, and B with the same range (a tail call, or a jump within the function).
         if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
@@ -238,6 +256,7 @@ pub fn check(elf: &Path) -> Result<CodeFigures, String> {
         object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
     let code = Code::read(&file, elf)?;
     let (mut waiting, mut seen) = (vec![code.handler], BTreeSet::new());
+    let mut frames = BTreeMap::new();
     let mut complaints = Vec::new();
     let mut impossible_cases = 0;
     while let Some(start) = waiting.pop() {
@@ -262,8 +281,13 @@ pub fn check(elf: &Path) -> Result<CodeFigures, String> {
                 .iter()
                 .map(|complaint| format!("{name}: {complaint}")),
         );
-        waiting.append(&mut walk.calls);
+        waiting.extend(&walk.calls);
+        frames.insert(start, (walk.frame_bytes, walk.calls));
     }
+    let stack_bytes = deepest(&frames, code.handler, &mut Vec::new()).unwrap_or_else(|start| {
+        complaints.push(format!("{} calls itself", owner(&file, start)));
+        0
+    });
     if !complaints.is_empty() {
         complaints.truncate(20);
         return Err(format!(
@@ -286,6 +310,7 @@ pub fn check(elf: &Path) -> Result<CodeFigures, String> {
             .sum(),
         control_functions: seen.len(),
         impossible_cases,
+        stack_bytes: ENTRY_BYTES + stack_bytes,
         flash_bytes: size_of(&[
             ".vector_table",
             ".start_code",
@@ -296,6 +321,59 @@ pub fn check(elf: &Path) -> Result<CodeFigures, String> {
         ]),
         ram_bytes: size_of(&[".data", ".bss", ".uninit"]),
     })
+}
+
+/// What the processor stores at the entry of an interrupt at most: 26 words with the floating-point unit's,
+/// and one that aligns them (Armv7-M, B1.5.7).
+const ENTRY_BYTES: u64 = 27 * 4;
+
+/// Bytes that an instruction of 32 bits takes from the stack.
+///
+/// # Errors
+/// The instruction does not tell.
+fn frame_bytes(first: u16, second: u16) -> Result<u64, ()> {
+    let immediate = u32::from(first >> 10 & 1) << 11
+        | u32::from(second >> 12 & 7) << 8
+        | u32::from(second & 0xFF);
+    Ok(match (first, second) {
+        // STMDB and STRD with the stack pointer written back, STR before it.
+        (0xE92D, _) => 4 * u64::from(second.count_ones()),
+        (0xE96D, _) => 4 * u64::from(second & 0xFF),
+        (0xF84D, _) if second & 0x0F00 == 0x0D00 => u64::from(second & 0xFF),
+        // SUB and SUBW from the stack pointer.
+        (0xF1AD | 0xF5AD, _) if second & 0x8F00 == 0x0D00 => match immediate >> 10 {
+            0 if immediate >> 8 == 0 => u64::from(immediate),
+            0 => return Err(()),
+            _ => u64::from((0x80 | immediate & 0x7F).rotate_right(immediate >> 7)),
+        },
+        (0xF2AD | 0xF6AD, _) if second & 0x8F00 == 0x0D00 => u64::from(immediate),
+        (0xEBAD, _) if second & 0x0F00 == 0x0D00 => return Err(()),
+        _ => 0,
+    })
+}
+
+/// The deepest stack from a function on.
+///
+/// # Errors
+/// A function that comes back to itself.
+fn deepest(
+    frames: &BTreeMap<u64, (u64, Vec<u64>)>,
+    start: u64,
+    above: &mut Vec<u64>,
+) -> Result<u64, u64> {
+    if above.contains(&start) {
+        return Err(start);
+    }
+    let Some((bytes, calls)) = frames.get(&start) else {
+        return Ok(0);
+    };
+    above.push(start);
+    let mut deepest_call = 0;
+    for call in calls.iter().collect::<BTreeSet<_>>() {
+        deepest_call = deepest(frames, *call, above)?.max(deepest_call);
+    }
+    above.pop();
+    Ok(bytes + deepest_call)
 }
 
 /// Destination of a branch by `offset` from where the program counter reads.
@@ -334,7 +412,8 @@ fn owner(file: &object::File<'_>, address: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::branch_target;
+    use super::{branch_target, deepest, frame_bytes};
+    use std::collections::BTreeMap;
 
     #[test]
     fn branches_go_where_the_manual_says() {
@@ -342,5 +421,31 @@ mod tests {
         assert_eq!(branch_target(0x100, 0xF000, 0xF800), 0x104);
         assert_eq!(branch_target(0x100, 0xF7FF, 0xFFFE), 0x100);
         assert_eq!(branch_target(0x100, 0xF000, 0xB800), 0x104);
+    }
+
+    #[test]
+    fn frames_are_what_the_instructions_take() {
+        // push.w {r4-r11, lr}; str r0, [sp, #-8]!; strd r0, r1, [sp, #-16]!; sub.w sp, sp, #1024;
+        // subw sp, sp, #1028; sub.w sp, sp, r0; add.w sp, sp, #1024.
+        let takes = [
+            (0xE92D, 0x4FF0, Ok(36)),
+            (0xF84D, 0x0D08, Ok(8)),
+            (0xE96D, 0x0104, Ok(16)),
+            (0xF5AD, 0x6D80, Ok(1024)),
+            (0xF2AD, 0x4D04, Ok(1028)),
+            (0xEBAD, 0x0D00, Err(())),
+            (0xF50D, 0x6D80, Ok(0)),
+        ];
+        for (first, second, bytes) in takes {
+            assert_eq!(
+                frame_bytes(first, second),
+                bytes,
+                "{first:04X} {second:04X}"
+            );
+        }
+        let frames = BTreeMap::from([(0, (8, vec![1, 2])), (1, (100, vec![2])), (2, (16, vec![]))]);
+        assert_eq!(deepest(&frames, 0, &mut Vec::new()), Ok(124));
+        let circle = BTreeMap::from([(0, (8, vec![1])), (1, (8, vec![0]))]);
+        assert_eq!(deepest(&circle, 0, &mut Vec::new()), Err(0));
     }
 }

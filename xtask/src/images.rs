@@ -57,6 +57,12 @@ pub fn build() -> Result<(), String> {
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--workspace"])
 }
 
+/// The servo as a static library for a controller whose program is in C.
+pub fn servo_for_c() -> Result<(), String> {
+    let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
+    toolchain.build(&toolchain::FIRMWARE, &root(), &["-p", "hysteron-c"])
+}
+
 /// What the image may take; a change that needs more has to change these numbers. 1 KiB of it looks at what
 /// is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of its
 /// model. 5 KiB more are the sliding-mode law, the self-test, the judgement of a conditioning, waveforms of
@@ -87,6 +93,9 @@ const MOST_RAM_BYTES: u64 = 75 * 1024;
 /// twice.
 /// 1 KiB is filters, and the settings that are kept.
 const MOST_G474RE_RAM_BYTES: u64 = 46 * 1024;
+
+/// Stack of the control interrupt by its call graph: 1,460 on the NUCLEO-H743ZI2, 1,752 on the NUCLEO-G474RE.
+const MOST_STACK_BYTES: u64 = 2 * 1024;
 
 /// The control interrupt's code and the memory of every image.
 pub fn check() -> Result<(), String> {
@@ -120,10 +129,11 @@ fn check_image(
 ) -> Result<(), String> {
     let figures = control_code::check(image)?;
     println!(
-        "   {name}: control interrupt: {} bytes in {} functions, {} jump-table entries for impossible values; image: {} bytes of flash, {} bytes of static RAM",
+        "   {name}: control interrupt: {} bytes in {} functions, {} jump-table entries for impossible values, {} bytes of stack; image: {} bytes of flash, {} bytes of static RAM",
         figures.control_code_bytes,
         figures.control_functions,
         figures.impossible_cases,
+        figures.stack_bytes,
         figures.flash_bytes,
         figures.ram_bytes
     );
@@ -133,6 +143,7 @@ fn check_image(
             figures.control_code_bytes,
             most_control_code_bytes,
         ),
+        ("stack", figures.stack_bytes, MOST_STACK_BYTES),
         ("flash", figures.flash_bytes, MOST_FLASH_BYTES),
         ("static RAM", figures.ram_bytes, most_ram_bytes),
     ] {

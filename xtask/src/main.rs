@@ -12,6 +12,7 @@ mod checks;
 mod control_code;
 mod cost;
 mod debian;
+mod dependency_licences;
 mod dependency_tree;
 mod emulated_board;
 mod figures;

@@ -12,9 +12,9 @@ use std::process::Command;
 use crate::cost::{self, Share, Stopwatch};
 use crate::workspace::root;
 use crate::{
-    board, board_tune, browser, checks, debian, figures, house, images, lab_page, library_alone,
-    mutate, packages, pipython, prose, public_items, python_package, result_tables, skipped_tests,
-    toolchain, virtual_environment, whole_circle,
+    board, board_tune, browser, checks, debian, dependency_licences, figures, house, images,
+    lab_page, library_alone, mutate, packages, pipython, prose, public_items, python_package,
+    result_tables, skipped_tests, toolchain, virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -34,6 +34,7 @@ pub const QUICK: &[CheckStep] = &[
 pub const HOUSE: &[CheckStep] = &[
     CheckStep("workflows, citation, licences", house::lint),
     CheckStep("manifests", packages::manifests),
+    CheckStep("licences of dependencies", dependency_licences::check),
 ];
 
 /// The steps that need only the host's toolchain.
@@ -74,6 +75,7 @@ pub const LIBRARY: &[CheckStep] = &[
 /// The cross-build.
 pub const FIRMWARE: &[CheckStep] = &[
     CheckStep("firmware for thumbv7em-none-eabihf", images::build),
+    CheckStep("the servo as a library for C on it", images::servo_for_c),
     CheckStep(
         "control interrupt's code: in its own memory, no float, no panic",
         images::check,
@@ -109,7 +111,7 @@ pub const PACKAGES: &[CheckStep] = &[CheckStep("packages as they are published",
 /// What takes long, beside the check.
 const LONG: &[CheckStep] = &[
     CheckStep(
-        "tests that take long (72 independent stages)",
+        "tests that take long (72 independent stages, 330,000 damaged inputs)",
         checks::long_tests,
     ),
     CheckStep(

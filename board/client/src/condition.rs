@@ -98,6 +98,9 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::OutputDiffers) => {
             "The amplifier's output is not the drive that was written: look at its gain, its supply, its cable and which block is in use, then clear (INI) and arm (ARM 1 1)."
         }
+        Some(Fault::OutputWhileOff) => {
+            "The amplifier's output moves though its power stage is switched off: look at the relay or the enable input before you go near it, then clear (INI) and arm (ARM 1 1)."
+        }
         Some(Fault::MonitorOutOfRange) => {
             "The cable of the amplifier's voltage monitor is open or shorted: look at it, then clear (INI) and arm (ARM 1 1)."
         }

@@ -64,6 +64,8 @@ pub enum OutputTrouble {
     Gain(f64),
     /// The cable of its voltage monitor is off; a resistor brings the part's input to ground.
     CableOpen,
+    /// Its power stage stays on, whatever the enable output says.
+    RelayWelded,
 }
 
 /// Plant, sensor and the codes between them and the target.
@@ -249,15 +251,20 @@ impl World {
         }
     }
 
-    /// What the amplifier's voltage monitor gives the part, mV: -30..150 V over 3.3 V.
+    /// What the amplifier's voltage monitor gives the part, mV: -30..150 V over 3.3 V; 0 V while its power
+    /// stage is not enabled.
     #[must_use]
-    pub fn monitor_mv(&self) -> u32 {
-        match self.output_trouble {
-            Some((from, OutputTrouble::CableOpen)) if self.edges >= from => 0,
-            _ => ((self.output_v + 30.0) / 180.0 * 3300.0)
-                .round()
-                .clamp(0.0, 3300.0) as u32,
-        }
+    pub fn monitor_mv(&self, is_enabled: bool) -> u32 {
+        let trouble = self.output_trouble.filter(|(from, _)| self.edges >= *from);
+        let output_v = match trouble {
+            Some((_, OutputTrouble::CableOpen)) => return 0,
+            Some((_, OutputTrouble::RelayWelded)) => self.output_v,
+            _ if is_enabled => self.output_v,
+            _ => 0.0,
+        };
+        ((output_v + 30.0) / 180.0 * 3300.0)
+            .round()
+            .clamp(0.0, 3300.0) as u32
     }
 
     /// The sensor's code of a drive that a wire brings there: the same share of its range.

@@ -473,7 +473,7 @@ impl Effect for ActivatedSwitching {
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
             // Three times the values of the surfaces, which can take in other effects.
-            tried_for_loops: LoopsTried::Stalled,
+            tried_for_loops: LoopsTried::FarAbove,
             // 120 ns, of `cargo run --release -p hysteron-research --example speed`.
             lasts_steps: Some(24),
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
@@ -509,10 +509,14 @@ Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // Half of the range to each side of its middle, a fifth of it by switching.
         let scale = 0.5 * overview.gain_um_v * overview.drive_range_v();
-        let mut values = vec![0.0; SHAPE + COEFFICIENTS];
-        (values[0], values[1]) = (0.03, 1.0);
-        (values[2], values[2 + REVERSIBLE]) = (0.8 * scale, 0.2 * scale);
-        vec![values]
+        let start = |activation| {
+            let mut values = vec![0.0; SHAPE + COEFFICIENTS];
+            (values[0], values[1]) = (activation, 1.0);
+            (values[2], values[2 + REVERSIBLE]) = (0.8 * scale, 0.2 * scale);
+            values
+        };
+        // Twice as much, and half: a fit does not come from one to the other.
+        [0.03, 0.06, 0.015].map(start).to_vec()
     }
 
     fn values_at(&self, case: &mut PlantedCase) -> Option<Vec<f64>> {

@@ -283,9 +283,9 @@ pub enum LoopsTried {
     Never,
     /// Once there is a structure.
     AtFirst,
-    /// Once nothing else helps far above the noise: they have so many values that they can take in other
-    /// effects, or take much longer.
-    Stalled,
+    /// Where a first round leaves an error far above the noise: they have so many values that they can take
+    /// in other effects, or take much longer.
+    FarAbove,
 }
 
 /// Which loops of a model have to open for an effect to be real.

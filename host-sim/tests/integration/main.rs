@@ -2,6 +2,7 @@
 
 mod between_marks;
 mod block_swap;
+mod every_effect;
 mod integer_hysteresis;
 mod readme;
 mod variations;

@@ -8,7 +8,6 @@ use hysteron::servo::design::{SCHEMA, ServoDesign};
 use hysteron::servo::named_scheme;
 use hysteron::servo::track::TrackResult;
 use hysteron::servo::work::{self, Work};
-use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
 use hysteron_report::servo_words as words;
 use hysteron_report::{Page, PageBlock, Section, nyquist, sensitivity, step_section};
@@ -17,10 +16,7 @@ use std::path::Path;
 /// Reads a servo file.
 pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     let text = desk.text(path, "a file written by `hysteron design`")?;
-    let design: ServoDesign = with_schema(&text, &path.display().to_string(), SCHEMA)?;
-    design
-        .impossible_value()
-        .map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
+    ServoDesign::from_toml(&text, &path.display().to_string())
 }
 
 /// A servo and a model of two files in either order: what a file is stands in it.

@@ -18,7 +18,7 @@ use crate::read_arguments::ReadArguments;
 use crate::reproduce;
 use crate::{
     add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build,
-    identify, plant, score, screen, simulate, survey, track,
+    identify, manual, plant, score, screen, simulate, survey, track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -460,6 +460,15 @@ enum Command {
         /// The shell
         shell: Shell,
     },
+    /// Write a page of the manual for every command
+    #[command(after_help = "Examples:\n  hysteron manual ~/.local/share/man/man1")]
+    Manual {
+        /// Folder to write
+        folder: PathBuf,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
 }
 
 /// A value such as `-5` is a number for every command, not an option that does not exist.
@@ -648,6 +657,7 @@ fn dispatch(command: Command) -> Result<bool> {
             println!("{}", String::from_utf8_lossy(&script).trim_end());
             Ok(true)
         }
+        Command::Manual { folder, force } => manual::write_manual(Arguments::command(), &folder, force),
     }
     .and_then(|ok| if screen::has_arrived() { Ok(ok) } else { Err(Error::new("output", "cannot be written")) })
 }

@@ -27,6 +27,7 @@ mod full_build;
 mod identify;
 #[cfg(feature = "lab")]
 mod lab;
+mod manual;
 mod plant;
 mod plant_program;
 mod progress;

@@ -10,10 +10,7 @@ use hysteron_sim::closed_loop::Plant;
 use pyo3::prelude::*;
 
 fn design_of(toml: &str) -> PyResult<ServoDesign> {
-    let design: ServoDesign = toml::from_str(toml).map_err(|error| wrong("servo", error))?;
-    design
-        .impossible_value()
-        .map_or(Ok(design), |impossible| Err(wrong("servo", impossible)))
+    ServoDesign::from_toml(toml, "servo").map_err(raised)
 }
 
 /// A function of Python as the plant: a drive in V gives a reading in um, or a reading and a true position.

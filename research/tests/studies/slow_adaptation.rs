@@ -204,7 +204,9 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     );
     let mut impossible = design.clone();
     impossible.adaptation.as_mut().unwrap().farthest = 0.3;
-    assert!(impossible.impossible_value().unwrap().contains("farthest"));
+    let text = toml::to_string(&impossible).unwrap();
+    let refused = ServoDesign::from_toml(&text, "servo.toml").unwrap_err();
+    assert!(refused.to_string().contains("farthest"));
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod lab_page;
 mod light_linear_stage;
 mod main_job;
 mod noise_floors;
+mod random_input;
 mod real_recordings;
 mod report_page;
 mod saved_model;

@@ -17,6 +17,7 @@ mod mark;
 mod page;
 mod planted;
 mod recorded;
+mod relaxation;
 pub mod results;
 mod table;
 mod table_of_numbers;
@@ -29,7 +30,7 @@ use results::Results;
 use std::path::PathBuf;
 
 /// All sets, in the order of the table.
-pub const SETS: [Set; 13] = [
+pub const SETS: [Set; 14] = [
     Set {
         name: "planted",
         asked: "in set 98 %, wrong 0",
@@ -59,6 +60,11 @@ pub const SETS: [Set; 13] = [
         name: "loops",
         asked: "in set 97 %, wrong 0",
         cases: planted::other_loops,
+    },
+    Set {
+        name: "relaxation",
+        asked: "in set 95 %, wrong 0",
+        cases: relaxation::cases,
     },
     Set {
         name: "altered",

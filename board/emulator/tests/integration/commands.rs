@@ -4,8 +4,8 @@
 use crate::common;
 
 use common::{
-    assert_texts, best_parameters, block, parameters, place_of, run_command, run_on, samples,
-    texts, world,
+    assert_texts, best_parameters, block, parameters, place_of, run_command, run_command_within,
+    run_on, samples, texts, world,
 };
 use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -14,7 +14,7 @@ use hysteron_core::guard::Fault;
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_emulator::converters::{SensorTrouble, Trouble};
-use hysteron_emulator::run::{MILLISECOND, Script};
+use hysteron_emulator::run::{MILLISECOND, Script, unguarded_envelope};
 
 fn upload(block: &[u8]) -> Vec<u8> {
     let mut text = String::new();
@@ -145,7 +145,13 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     let world = world();
     let mut parameters = parameters();
     parameters.guard.jump_codes = 20_000;
-    let outcome = run_command(&world, &parameters, b"arm untested\nidentify 12000\n", 900);
+    let outcome = run_command_within(
+        &unguarded_envelope(),
+        &world,
+        &parameters,
+        b"arm untested\nidentify 12000\n",
+        900,
+    );
     let (samples, lost) = samples(&outcome);
     let played: Vec<&TraceSample> = samples
         .iter()
@@ -253,7 +259,7 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
         pid.integral *= 6;
     }
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2000 reference constant 9000\n@3000 reference constant 1000\n@4000 disable\n";
-    let outcome = run_command(&world, &parameters, text, 230);
+    let outcome = run_command_within(&unguarded_envelope(), &world, &parameters, text, 230);
     assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
     let steps = |from: usize, to: usize| largest_step(&codes[from..to]);
@@ -272,7 +278,7 @@ fn no_law_drives_beyond_the_limits_of_the_block() {
     // either side that the converter has.
     parameters.guard.tracking_ticks = 4000;
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
-    let outcome = run_command(&world, &parameters, text, 210);
+    let outcome = run_command_within(&unguarded_envelope(), &world, &parameters, text, 210);
     assert_texts(&outcome, "mode fault", 0);
     let codes = world.lock().expect("the world").codes.clone();
     let c = parameters.servo.converters;

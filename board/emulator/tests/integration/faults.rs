@@ -3,8 +3,8 @@
 use crate::common;
 
 use common::{
-    assert_texts, best_parameters, block, image, last_place_of, parameters, run_command, run_on,
-    samples, texts, world,
+    assert_texts, best_parameters, block, image, last_place_of, parameters, run_command_within,
+    run_on, samples, texts, world,
 };
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -14,7 +14,7 @@ use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
 use hysteron_emulator::run::{
     BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of,
-    bench_envelope, envelope_bytes, halfword_at, run,
+    bench_envelope, envelope_bytes, halfword_at, run, unguarded_envelope,
 };
 use hysteron_sim::bench::{Bench, Variant};
 
@@ -131,7 +131,7 @@ fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
     parameters.guard.tracking_ticks = 200;
     parameters.guard.tracking_error = 100 << 24;
     let text = "trace 31 1\narm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2500 reference constant 9000\n";
-    let outcome = run_command(&world, &parameters, text, 230);
+    let outcome = run_command_within(&unguarded_envelope(), &world, &parameters, text, 230);
     let (samples, _) = samples(&outcome);
     let first = samples
         .iter()
@@ -413,6 +413,25 @@ fn with_instructions(instructions: &[u16]) -> (Outcome, Codes) {
             .map(|injection| (100 * MILLISECOND, injection))
             .collect(),
     )
+}
+
+/// A double ECC error of the flash is a bus error (RM0433, 4.7.9), which an address behind the flash has too:
+/// of a constant and of an instruction.
+#[test]
+fn a_bus_error_of_code_or_constants() {
+    // `movw r0, #0; movt r0, #0x0820; ldr r1, [r0]`, and `movw r0, #1; movt r0, #0x0820; bx r0`.
+    for instructions in [
+        [0xF240, 0x0000, 0xF6C0, 0x0020, 0x6801],
+        [0xF240, 0x0001, 0xF6C0, 0x0020, 0x4700],
+    ] {
+        let (outcome, codes) = with_instructions(&instructions);
+        rests_and_comes_back(
+            &outcome,
+            &codes,
+            100 * MILLISECOND + 60_000,
+            Fault::HardFault,
+        );
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{block, parameters, run_on, texts, typed_back};
+use common::{assert_texts, block, last_status, parameters, run_on, samples, texts, typed_back};
 use hysteron::servo::amplifier_block::{FrontEnd, block as block_bytes, wiring_parameters};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::guard::Fault;
@@ -13,7 +13,7 @@ use hysteron_emulator::board::SafetyLine;
 use hysteron_emulator::converters::{OutputTrouble, PERIOD_NS, SensorTrouble, SharedWorld};
 use hysteron_emulator::converters::{Trouble, World};
 use hysteron_emulator::run::{
-    Injection, MILLISECOND, Outcome, Script, envelope_bytes, watched_envelope,
+    BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, envelope_bytes, watched_envelope,
 };
 use hysteron_sim::bench::Bench;
 use hysteron_sim::closed_loop::Plant;
@@ -90,6 +90,18 @@ fn play(
     injections: Vec<(u64, Injection)>,
 ) -> (Vec<String>, Outcome) {
     let end = lines.last().map_or(0, |(ms, _)| *ms) + 20;
+    let script = Script::listening(end * MILLISECOND);
+    play_in(script, world, block, lines, injections)
+}
+
+/// [`play`] while a probe types what the script has for it.
+fn play_in(
+    script: Script,
+    world: &SharedWorld,
+    block: Vec<u8>,
+    lines: &[(u64, &str)],
+    injections: Vec<(u64, Injection)>,
+) -> (Vec<String>, Outcome) {
     let script = Script {
         block: Some(block),
         envelope: Some(envelope_bytes(&first_envelope())),
@@ -102,7 +114,7 @@ fn play(
             .into_iter()
             .map(|(ms, injection)| (ms * MILLISECOND, injection))
             .collect(),
-        ..Script::listening(end * MILLISECOND)
+        ..script
     };
     let outcome = run_on(world, script);
     let answers = typed_back(&outcome);
@@ -260,4 +272,73 @@ fn the_list_is_played_on_a_stage_at_20_v() {
         "{said}"
     );
     assert!(number(&answers[8]).abs() < 0.01, "at rest: {said}");
+}
+
+#[test]
+fn the_list_is_played_with_reset_usb_supply_and_the_probe() {
+    let world = world_of(&[(0, 0.1)]).shared();
+    let wiring = wiring_parameters(&FrontEnd::default(), 0.0, HIGHEST_V).expect("a block");
+    // Each from 10 V: RESET is pressed; the supply falls below the detector's level; USB is pulled, which is
+    // the board's supply.
+    let driven = "INI 1\nARM 1 2\nSVA 1 10";
+    let lines = [
+        (40, driven),
+        (95, "VOL? 1"),
+        (140, "DIA? 2\nARM? 1\nVOL? 1"),
+        (260, driven),
+        (315, "VOL? 1"),
+        (400, "DIA? 2"),
+        (520, driven),
+        (575, "VOL? 1"),
+        (640, "DIA? 2"),
+    ];
+    let restart = |flags| Injection::Restart { flags };
+    let injections = vec![
+        (100, restart(0)),
+        (320, Injection::Supply { millivolts: 2_600 }),
+        (340, Injection::Supply { millivolts: 3_300 }),
+        (580, restart(BROWN_OUT_FLAG)),
+    ];
+    let script = Script {
+        commands: vec![(645 * MILLISECOND, b"trace 31 1\nstatus\n".to_vec())],
+        ..Script::listening(680 * MILLISECOND)
+    };
+    let (answers, outcome) = play_in(
+        script,
+        &world,
+        block_bytes(&wiring).expect("bytes"),
+        &lines,
+        injections,
+    );
+    let said = format!("{answers:?}: {:?}", texts(&outcome));
+    assert_eq!(answers.len(), 8, "{said}");
+    for driven in [0, 4, 6] {
+        assert!((number(&answers[driven]) - 10.0).abs() < 0.01, "{said}");
+    }
+    assert_eq!(answers[1..3], ["2=0", "1=0"], "RESET: {said}");
+    assert!(number(&answers[3]).abs() < 0.01, "at rest: {said}");
+    assert_eq!(
+        [&answers[5], &answers[7]],
+        [
+            &format!("2={}", Fault::SupplyLow as u8),
+            &format!("2={}", Fault::BrownOut as u8)
+        ],
+        "{said}"
+    );
+    assert_eq!(outcome.resets, 3, "{said}");
+    // Each time the power stage is off within 2 ms: a look at it every millisecond.
+    let off: Vec<u64> = outcome
+        .enabled
+        .iter()
+        .filter(|(_, on)| !on)
+        .map(|(at, _)| at / MILLISECOND)
+        .collect();
+    assert!(
+        matches!(off[..], [100..=102, 320..=322, 580..=582]),
+        "{off:?}: {said}"
+    );
+    assert_texts(&outcome, "core 400000000 Hz, control 20000 Hz", 4);
+    let status = last_status(&outcome);
+    assert!(status.contains("overruns: 0"), "{status}");
+    assert!(!samples(&outcome).0.is_empty(), "the trace runs: {said}");
 }

@@ -10,6 +10,7 @@ use common::{
 };
 use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::filter_design::{FilterSetting, Notch};
+use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
 use hysteron_core::loop_telemetry::ResonanceWatch;
 use hysteron_core::parameter_block::AmplifierParameters;
@@ -94,6 +95,41 @@ fn an_open_cable_of_the_monitor_is_named() {
     world.lock().expect("the world").output_trouble =
         Some((TROUBLE_EDGE, OutputTrouble::CableOpen));
     assert_switched_off(&world, &played(&world), "voltage monitor out of range");
+}
+
+#[test]
+fn a_relay_that_is_welded_is_found_before_the_power_stage_is_switched_on() {
+    let arms = |trouble: Option<OutputTrouble>| {
+        let world = world();
+        world.lock().expect("the world").output_trouble = trouble.map(|trouble| (0, trouble));
+        let script = Script {
+            block: Some(block(&parameters())),
+            envelope: Some(envelope_bytes(&watched_envelope())),
+            monitored: Some(world.clone()),
+            serial: vec![
+                (40 * MILLISECOND, b"ARM 1 1\n".to_vec()),
+                (220 * MILLISECOND, b"DIA? 2\n".to_vec()),
+            ],
+            ..Script::listening(270 * MILLISECOND)
+        };
+        let outcome = run_on(&world, script);
+        let on: Vec<u64> = outcome
+            .enabled
+            .iter()
+            .map(|(at, _)| at / MILLISECOND)
+            .collect();
+        (typed_back(&outcome), on)
+    };
+    assert_eq!(
+        arms(Some(OutputTrouble::RelayWelded)),
+        (format!("2={}\n", Fault::OutputWhileOff as u8), vec![])
+    );
+    let (answer, on) = arms(None);
+    assert_eq!(answer, "2=0\n");
+    assert!(
+        matches!(on[..], [235..=255]),
+        "0.1 s at either place, then on: {on:?}"
+    );
 }
 
 #[test]

@@ -126,6 +126,13 @@ fn manifests_that_are_wrong() {
         &good_rows(100),
         &["drive_max_v"],
     );
+    for period in ["nan", "0.0", "-1.0", "1e308"] {
+        refused(
+            Some(&format!("{MANIFEST}\nperiod_s = {period}\n")),
+            &good_rows(100),
+            &["period_s"],
+        );
+    }
 }
 
 #[test]

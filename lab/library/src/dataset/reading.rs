@@ -576,7 +576,8 @@ fn periods_of(
         };
     };
     let length = (period_s * sample_rate_hz).round();
-    if length < 2.0 || (period_s * sample_rate_hz - length).abs() > 1e-3 * length.max(1.0) {
+    let is_whole = (period_s * sample_rate_hz - length).abs() <= 1e-3 * length.max(1.0);
+    if !(length >= 2.0 && is_whole) {
         return Err(Error::new(
             place,
             format!(

@@ -11,7 +11,7 @@
 //! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
 //! looks like a better description of them, so the other structures of the library are tried once, and each
 //! kind that comes near the best has a beam of its own. A structure that takes long, or has many values, comes
-//! when nothing else helps far above the noise.
+//! where the first round leaves an error far above the noise.
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -107,7 +107,7 @@ impl<'s, 'a> Search<'s, 'a> {
     pub fn run(&mut self) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
-        for _ in 0..policy.effects_max + policy.rounds_without_gain_far_above {
+        for round in 0..policy.effects_max + policy.rounds_without_gain_far_above {
             self.stopped = self.study.watch.stopped();
             if self.stopped || self.settled() {
                 return Ok(());
@@ -130,8 +130,8 @@ impl<'s, 'a> Search<'s, 'a> {
             if !self.is_bare_gain(self.pool.best()) {
                 proposals.extend(self.propose_structures(LoopsTried::AtFirst));
             }
-            if !near && (without_gain > 0 || proposals.is_empty()) {
-                proposals.extend(self.propose_structures(LoopsTried::Stalled));
+            if round > 0 && !near {
+                proposals.extend(self.propose_structures(LoopsTried::FarAbove));
             }
             if proposals.is_empty() {
                 return Ok(());
@@ -266,6 +266,7 @@ impl<'s, 'a> Search<'s, 'a> {
         // Beside loops that were there from the beginning another structure is no effect more.
         let loops_added = self.start.iter().any(|id| id == gain::ID);
         for entry in std::iter::once(self.best()).chain(self.pool.start()) {
+            let before: Vec<String> = out.iter().map(|p| p.key.clone()).collect();
             for begin in
                 finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview, at)
             {
@@ -280,10 +281,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 moves.sort();
                 let key = key(&moves, &begin);
                 let may_have = !self.without.iter().any(|id| begin.effect(id).is_some());
-                if may_have
-                    && !self.pool.entries.contains_key(&key)
-                    && !out.iter().any(|p| p.key == key)
-                {
+                if may_have && !self.pool.entries.contains_key(&key) && !before.contains(&key) {
                     let of = entry.merit + self.study.policy.loops_come_near;
                     out.push(Proposal {
                         key,

@@ -1,6 +1,6 @@
-//! The inverse of a model's loops as C99 or MATLAB: the drive that takes them to a displacement, sample by
-//! sample, by bisection on a copy of their memory. Modes, creep, sensor and what depends on the
-//! rate are left out: they are the feedback's.
+//! The inverse of a model's loops and creep as C99 or MATLAB: the drive that takes them to a displacement,
+//! sample by sample, by bisection on a copy of their memory. Modes, sensor and what depends on the rate are
+//! left out: they are the feedback's.
 
 use super::laws::{Dialect, uses};
 use super::{Language, c, described, fitted, identifier, number};
@@ -15,7 +15,7 @@ use std::fmt::Write;
 /// Halvings of the range: a double has 53 bits.
 const HALVINGS: usize = 52;
 
-/// The text of the inverse of a model's loops in a language, at a sampling rate; `name` is what its function is
+/// The text of the inverse of a model's loops and creep in a language, at a sampling rate; `name` is what its function is
 /// called.
 ///
 /// # Errors
@@ -29,7 +29,8 @@ pub fn inverse(
     let refused = |what: &str| Error::new("export --inverse", what);
     let mut loops = model.clone();
     loops.effects.retain(|e| {
-        e.effect.declaration().place == Place::Hysteresis && e.id != rate_dependence::ID
+        let place = e.effect.declaration().place;
+        e.id != rate_dependence::ID && [Place::Hysteresis, Place::Creep].contains(&place)
     });
     if !loops
         .effects
@@ -54,15 +55,14 @@ pub fn inverse(
         .collect();
     let mut said = vec![
         format!(
-            "Inverse of the loops of a piezoelectric actuator, exported by Hysteron {}.",
+            "Inverse of loops and creep of a piezoelectric actuator, exported by Hysteron {}.",
             env!("CARGO_PKG_VERSION")
         ),
         format!(
             "Wanted displacement in um, {sample_rate_hz} samples per second; drive in V from {} to {}, its limit where no drive reaches.",
             chain.drive_min_v, chain.drive_max_v
         ),
-        "Begins virgin at the lower limit. Modes, creep and sensor of the model are left out."
-            .into(),
+        "Begins virgin at the lower limit. Modes and sensor of the model are left out.".into(),
     ];
     said.extend(fitted(model));
     said.push(String::new());

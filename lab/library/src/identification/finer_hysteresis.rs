@@ -7,7 +7,7 @@ use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::{self, InitialCurve};
 use hysteron_sim::effect::play_operators::{self, PlayOperatorsBeside};
-use hysteron_sim::effect::{LoopsTried, Overview, Place, gain, registry};
+use hysteron_sim::effect::{Effect, LoopsTried, Overview, Place, gain, registry};
 use std::sync::Arc;
 
 /// Highest degree that surfaces are refined to.
@@ -62,7 +62,7 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
 
 /// The model with loops of each other structure of the library that is tried at this time, in the place of
 /// its own and of what builds on them. In the place of a gain surfaces are not among them: they are a
-/// candidate of their own.
+/// candidate of their own. What is tried later begins at each of its starts.
 #[must_use]
 pub fn of_other_structures(model: &Model, overview: &Overview, at: LoopsTried) -> Vec<Model> {
     let surfaces = || {
@@ -81,7 +81,15 @@ pub fn of_other_structures(model: &Model, overview: &Overview, at: LoopsTried) -
             && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
             && model.effect(&d.id).is_none()
     });
-    let others = others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[])));
+    let starts = |effect: &Arc<dyn Effect>| match at {
+        LoopsTried::FarAbove => effect.starts(overview),
+        LoopsTried::AtFirst | LoopsTried::Never => vec![Vec::new()],
+    };
+    let others = others.flat_map(|effect| {
+        let begun = |start: Vec<f64>| EffectInstance::new(effect.clone(), overview, &start);
+        let begun: Vec<EffectInstance> = starts(&effect).into_iter().map(begun).collect();
+        begun.into_iter().map(|loops| with_loops(model, loops))
+    });
     others.chain(has_others.then(surfaces).flatten()).collect()
 }
 
@@ -199,12 +207,13 @@ mod tests {
         assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
         // What takes longer comes apart.
         for begin in [&surfaces, &others[0]] {
-            let stalled = of_other_structures(begin, &overview(), LoopsTried::Stalled);
-            let loops: Vec<&str> = stalled
+            let slow = of_other_structures(begin, &overview(), LoopsTried::FarAbove);
+            let loops: Vec<&str> = slow
                 .iter()
                 .map(|m| main_effect(m).unwrap().id.as_str())
                 .collect();
-            assert_eq!(loops, ["activated_switching"]);
+            // At each of its starts.
+            assert_eq!(loops, ["activated_switching"; 3]);
         }
     }
 }

@@ -19,6 +19,8 @@ use super::thesis_schemes::{
 };
 use super::tuning::{Demands, PredictorTuning};
 use super::window_fit;
+use crate::error::{self, Error};
+use crate::toml_file::with_schema;
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
@@ -166,6 +168,18 @@ pub struct ServoDesign {
 pub const SCHEMA: &str = "hysteron.servo/1";
 
 impl ServoDesign {
+    /// Reads the text of a servo file, which is called `place` in messages.
+    ///
+    /// # Errors
+    /// Another schema; the line that is wrong; a value that no servo has.
+    pub fn from_toml(text: &str, place: &str) -> error::Result<Self> {
+        let design: Self = with_schema(text, place, SCHEMA)?;
+        match design.impossible_value() {
+            Some(impossible) => Err(Error::new(place, impossible)),
+            None => Ok(design),
+        }
+    }
+
     /// A scheme for a model.
     #[must_use]
     pub fn new(scheme: Scheme, model: &ActuatorModel, delayed: bool) -> Self {

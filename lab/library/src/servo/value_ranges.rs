@@ -151,8 +151,7 @@ fn of_basis(basis: &DesignBasis) -> Vec<Bounded<'static>> {
 
 impl ServoDesign {
     /// The first value that no servo has, with what was expected; `None` where all can be.
-    #[must_use]
-    pub fn impossible_value(&self) -> Option<String> {
+    pub(super) fn impossible_value(&self) -> Option<String> {
         let mut values = of_model(&self.model);
         if let Scheme::Predictor { tuning, .. } = &self.scheme {
             values.extend(of_tuning(tuning));

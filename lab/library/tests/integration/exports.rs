@@ -527,7 +527,10 @@ fn the_inverse_in_c_and_octave_finds_the_drives_of_the_program() {
     for name in INVERTED {
         let (_, rate_hz, effects) = CASES.into_iter().find(|case| case.0 == name).unwrap();
         let mut model = model(effects);
-        model.effects.retain(|e| e.id != "rate_dependence");
+        // What the program's own inverse has no part in.
+        model
+            .effects
+            .retain(|e| e.id != "rate_dependence" && e.id != "creep");
         let (wanted, drives) = inverted(&model, rate_hz);
         let lines = |values: &[f64]| {
             values
@@ -558,6 +561,43 @@ fn the_inverse_in_c_and_octave_finds_the_drives_of_the_program() {
         &run(folder.path(), "octave-cli", &arguments),
         &expected,
     );
+}
+
+/// The model itself judges: simulated under the drives it comes to what was wanted, creep included.
+#[test]
+fn the_inverse_undoes_creep() {
+    let folder = tempfile::tempdir().unwrap();
+    let (name, rate_hz, effects) = CASES[0];
+    let mut slow = model(effects);
+    slow.effects
+        .retain(|e| ["hysteresis", "initial_curve", "creep"].contains(&e.id.as_str()));
+    let (wanted, _) = inverted(&slow, rate_hz);
+    for file in ["drive.txt", "force.txt"] {
+        let lines: String = wanted.iter().map(|v| format!("{v:?}\n")).collect();
+        std::fs::write(folder.path().join(file), lines).unwrap();
+    }
+    // The mode is left out by the inverse.
+    let text = inverse(&model(effects), Language::C, rate_hz, name).unwrap();
+    let main = format!(
+        "    {name}_init(&m);\n    for (int k = 0; k < {SAMPLES}; k++) printf(\"%.17g\\n\", {name}_step(&m, u[k]));\n    (void)f;\n"
+    );
+    let drive_v: Vec<f64> = c_prints(folder.path(), &text, name, &main)
+        .lines()
+        .map(|line| line.parse().unwrap())
+        .collect();
+    let drive = Drive::held(&drive_v, 1.0 / rate_hz, InitialState::Virgin);
+    let reached = slow.simulate(&drive);
+    // What a drive does is read one sample later.
+    for (k, (got, wanted)) in reached[1..].iter().zip(&wanted).enumerate() {
+        assert!(
+            (got - wanted).abs() < 1e-9,
+            "sample {k}: {got} instead of {wanted}"
+        );
+    }
+    let mut loops = slow.clone();
+    loops.effects.retain(|e| e.id != "creep");
+    let crept = reached.last().unwrap() - loops.simulate(&drive).last().unwrap();
+    assert!(crept.abs() > 1e-3, "creep moves by {crept} um alone");
 }
 
 /// The sampled matrices of a linear model, driven from rest, against the program.

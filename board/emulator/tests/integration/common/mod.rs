@@ -18,6 +18,7 @@ use hysteron_core::parameter_block::{
     AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write,
 };
 use hysteron_core::pid_regulator::PidParameters;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
@@ -25,7 +26,7 @@ use hysteron_core::servo_parameters::{
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::{SharedWorld, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, bench_envelope, envelope_bytes, run};
 use hysteron_sim::bench::{Bench, Variant};
 
 /// The image under test.
@@ -91,8 +92,8 @@ pub fn parameters() -> AmplifierParameters {
             adc_code_max: SensorCode::new(65_519),
             stuck_ticks: 200,
             jump_codes: 4500,
-            tracking_error: 4 << 24,
-            tracking_ticks: 400,
+            tracking_error: 5 << 23,
+            tracking_ticks: 100,
             ramp_codes: 40,
             rest_code: converters.dac_code_min,
             healthy_ticks: 2000,
@@ -358,8 +359,20 @@ pub fn run_command(
     command: impl Into<Vec<u8>>,
     run_ms: u64,
 ) -> Outcome {
+    run_command_within(&bench_envelope(), world, parameters, command, run_ms)
+}
+
+/// As [`run_command`], with another safety envelope than the bench's.
+pub fn run_command_within(
+    envelope: &SafetyEnvelope,
+    world: &SharedWorld,
+    parameters: &AmplifierParameters,
+    command: impl Into<Vec<u8>>,
+    run_ms: u64,
+) -> Outcome {
     let script = Script {
         block: Some(block(parameters)),
+        envelope: Some(envelope_bytes(envelope)),
         commands: vec![(4 * MILLISECOND, command.into())],
         ..Script::listening(run_ms * MILLISECOND)
     };
