@@ -23,6 +23,8 @@ const ATTEMPT_S: f64 = 2e-4;
 const RESTED_S: f64 = 10.0;
 /// Shares of a barrier that heat takes in a factor of `e` of the time.
 const STRENGTHS: [f64; 3] = [0.015, 0.03, 0.06];
+/// What activation does, effect by effect: it is found only as a whole, but none of these is false.
+const IN_PARTS: [&str; 4] = ["hysteresis", "initial_curve", "rate_dependence", "creep"];
 /// Seeds of each strength.
 const SEEDS: u64 = 4;
 
@@ -191,7 +193,7 @@ fn made(folder: &Path, name: &str, activation: f64, seed: u64) -> Result<PathBuf
     for (record, role, drive_v) in drives {
         // The same stage before each record, other noise.
         let mut stage = Stage::new(activation, &mut Random(seed));
-        let mut noise = Random(seed ^ ((drive_v.len() as u64) << 32 | record.len() as u64));
+        let mut noise = Random(seed ^ (((drive_v.len() as u64) << 32) | record.len() as u64));
         let mut text = String::from("t_s,u_V,y_um\n");
         for (k, drive_v) in drive_v.into_iter().enumerate() {
             let reading_um = stage.position_um + NOISE_UM * noise.normal();
@@ -219,7 +221,10 @@ pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, Str
     for activation in STRENGTHS {
         for seed in 1..=SEEDS {
             let name = format!("activation_{activation}_{seed}");
-            let truth = CaseTruth::Missing(vec!["activated_switching".into()], Vec::new());
+            let truth = CaseTruth::Missing(
+                vec!["activated_switching".into()],
+                IN_PARTS.map(str::to_owned).to_vec(),
+            );
             out.push(SetCase::named(
                 name.clone(),
                 made(&folder, &name, activation, seed)?,
