@@ -607,8 +607,11 @@ fn ablate(
             .watch
             .event(&WatchEvent::Doing("searching without what would be named"));
         let from = search.pool.entries[&minimal[0]].clone();
-        search.untested = !search.run_without(&ids, &from)?;
-        ablated.insert(ids);
+        if search.run_without(&ids, &from)? {
+            ablated.insert(ids);
+        } else {
+            search.untested = true;
+        }
     }
 }
 

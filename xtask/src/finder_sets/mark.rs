@@ -5,13 +5,14 @@ use super::answer::FinderAnswer;
 /// An "or" of more effects than this is no answer.
 const SET_MAX: usize = 3;
 /// Structures of hysteresis: loops of any are what a model without hysteresis misses.
-pub const LOOPS: [&str; 6] = [
+pub const LOOPS: [&str; 7] = [
     "hysteresis",
     "prandtl_ishlinskii",
     "modified_prandtl_ishlinskii",
     "maxwell_slip",
     "bouc_wen",
     "duhem",
+    "activated_switching",
 ];
 
 /// What is true of a case.
@@ -120,8 +121,12 @@ pub fn mark(
         CaseTruth::Altered(right, own) => {
             let changed = answer.changed.iter().map(|id| vec![id.clone()]);
             let groups: Vec<Vec<String>> = answer.groups.iter().cloned().chain(changed).collect();
-            let is_right = |id: &String| right.contains(id);
-            let foreign = |g: &&Vec<String>| !g.iter().any(|id| is_right(id) || own.contains(id));
+            let is_right = |id: &String| right.iter().any(|of| same(id, of));
+            let is_own = |id: &String| {
+                let loops = LOOPS.contains(&id.as_str());
+                own.contains(id) || loops && own.iter().any(|of| LOOPS.contains(&of.as_str()))
+            };
+            let foreign = |g: &&Vec<String>| !g.iter().any(|id| is_right(id) || is_own(id));
             match groups.iter().find(|g| g.iter().any(is_right)) {
                 // A name beside the right one that nothing was done for is wrong all the same.
                 _ if groups.iter().any(|g| g.len() == 1 && foreign(&g)) => Mark::Wrong,

@@ -1,6 +1,6 @@
 //! Single moves around the simplest models that are kept, until these no longer change: each effect dropped,
-//! and each exchanged for others that do much the same. So what could stand in the place of an effect is in
-//! the pool before anything is named.
+//! each exchanged for others that do much the same, and one tried in the place of two. So what could stand in
+//! the place of an effect is in the pool before anything is named.
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
@@ -57,6 +57,7 @@ fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
         .event(&WatchEvent::Doing("trying what else could do"));
     let dropped = drop_each(study, &entry);
     let tried = exchange_each(study, &entry, &dropped)?;
+    let instead_of_two = exchange_pairs(study, &entry)?;
     let finer: Vec<Entry> = dropped
         .iter()
         .filter(|d| d.near)
@@ -66,6 +67,7 @@ fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     dropped
         .chain(finer)
         .chain(tried)
+        .chain(instead_of_two)
         .for_each(|entry| pool.keep(entry));
     Ok(())
 }
@@ -194,4 +196,57 @@ fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> O
             &[(score.effect.clone(), instance.values())],
         )
     })
+}
+
+/// One effect in the place of every two, where the noise is near enough to show it: two lags that were added
+/// one after the other may stand in for a delay.
+fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
+    let leaving = entry.added();
+    if leaving.len() < 2 || !study.near_the_noise(&entry.judged) {
+        return Ok(Vec::new());
+    }
+    let pairs: Vec<[&String; 2]> = leaving
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b]))
+        .collect();
+    let without = parallel::map(&pairs, |[a, b]| {
+        study.quickly(&study.without(&study.without(&entry.judged.model, a), b))
+    });
+    let scored = parallel::map(&without, |judged| {
+        study.score_each(&judged.model, &study.candidates_for(&judged.model))
+    });
+    let mut promising: Vec<(f64, &Judged, CandidateScore)> = Vec::new();
+    for (judged, screening) in without.iter().zip(scored) {
+        let screening = screening?;
+        let total = screening.total_um2().max(f64::MIN_POSITIVE);
+        let new = screening
+            .scores
+            .iter()
+            .filter(|s| entry.judged.model.effect(&s.id).is_none());
+        for score in new.take(study.policy.guesses) {
+            let left = (1.0 - score.explained_um2 / total).max(f64::MIN_POSITIVE);
+            promising.push((study.merit(judged) + 0.5 * left.ln(), judged, score.clone()));
+        }
+    }
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.2.id.cmp(&b.2.id)));
+    promising.truncate(study.policy.rivals);
+    let fitted = parallel::map(&promising, |(_, judged, score)| {
+        let begin = study.with(
+            &judged.model,
+            &[(score.effect.clone(), score.starts[0].clone())],
+        );
+        let mut one = study.quickly(&begin);
+        if study.merit(&one) < entry.merit + study.policy.in_contention {
+            // The values of the others are still those that made up for it.
+            one = study.begun_again(&study.for_comparison(&one.model))?;
+        }
+        Ok(Entry::new(
+            study,
+            moves_in(entry, &one.model, Some(&score.id)),
+            one,
+            false,
+        ))
+    });
+    fitted.into_iter().collect()
 }

@@ -10,7 +10,9 @@ use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
 use crate::quality::{self, Issue, Reason};
+use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{by_id, delay};
+use std::f64::consts::TAU;
 
 /// Nanometres with three figures.
 #[must_use]
@@ -265,6 +267,7 @@ pub fn sentence(
         said.open(),
         said.remainder(),
         said.physics(),
+        said.aliases(&named.model, study),
         said.loops(),
         said.one_loop(dataset, study),
         said.issues(dataset),
@@ -570,6 +573,31 @@ impl<'a> Said<'a> {
         d.findings.iter().filter_map(of).chain(none).collect()
     }
 
+    /// Modes that were named and may be faster ones: no reading shows on which side of half the rate they are.
+    fn aliases(&self, model: &Model, study: &Study) -> String {
+        let rate_hz = study.overview.sample_rate_min_hz;
+        let named = self.diagnosis.findings.iter().flat_map(|f| &f.effects);
+        let rings = named.filter_map(|id| {
+            let effect = model.effect(id)?;
+            let mut motions = effect
+                .effect
+                .free_motions(model, &effect.values())
+                .into_iter();
+            let rings = motions.find(|m| m.frequency_rad_s > RINGS * m.decay_per_s)?;
+            let hz = rings.frequency_rad_s / TAU;
+            (hz > ALIASES_FROM * rate_hz).then_some((id, hz))
+        });
+        let each = rings.map(|(id, hz)| {
+            format!(
+                " The {} at {hz:.0} Hz may be an alias of {:.0} Hz: at {rate_hz:.0} samples a second both read alike, unless a filter stands in front of the \
+                 converter.",
+                spoken(id),
+                rate_hz - hz
+            )
+        });
+        each.collect()
+    }
+
     fn loops(&self) -> String {
         let Some((end, others)) = self.diagnosis.loops.split_first() else {
             return String::new();
@@ -626,6 +654,15 @@ impl<'a> Said<'a> {
     }
 }
 
+/// What turns by so many times as much as it decays has a damping ratio below a half and rings.
+const RINGS: f64 = 1.7;
+/// Share of the rate from which a mode may be an alias. A drive that is held between samples shakes what lies as
+/// far below the rate by a ninth of what it does itself, or more.
+const ALIASES_FROM: f64 = 0.1;
+
+/// Records whose speeds differ by more than this factor do not move at one speed.
+const ANOTHER_SPEED: f64 = 1.2;
+
 /// What the data leave open.
 #[must_use]
 pub fn cannot_identify(what: &CannotIdentify) -> String {
@@ -637,10 +674,16 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
         CannotIdentify::MinorLoops => {
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()
         }
-        CannotIdentify::RateDependence { speed_v_s } if *speed_v_s < 0.5 => {
+        CannotIdentify::RateDependence { speed_v_s, .. } if *speed_v_s < 0.5 => {
             "rate dependence: the drive jumps and holds, at no speed between, so loops at other speeds are a guess".into()
         }
-        CannotIdentify::RateDependence { speed_v_s } => {
+        CannotIdentify::RateDependence {
+            speed_v_s,
+            slowest_v_s,
+        } if *speed_v_s > ANOTHER_SPEED * slowest_v_s => format!(
+            "rate dependence: the drive moves at {slowest_v_s:.0} to {speed_v_s:.0} V/s, so loops at other speeds are a guess"
+        ),
+        CannotIdentify::RateDependence { speed_v_s, .. } => {
             format!("rate dependence: the drive moves at one speed only (about {speed_v_s:.0} V/s), so loops at other speeds are a guess")
         }
     }

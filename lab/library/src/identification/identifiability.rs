@@ -25,10 +25,12 @@ pub enum CannotIdentify {
     },
     /// The drive always turns at the same two voltages: nested reversals are a guess.
     MinorLoops,
-    /// The drive moves at one speed only: loops at other speeds are a guess.
+    /// The drive moves at one speed only, or at few that are much alike: loops at other speeds are a guess.
     RateDependence {
-        /// That speed, V/s.
+        /// That speed in the fastest record, V/s.
         speed_v_s: f64,
+        /// That speed in the slowest record, V/s.
+        slowest_v_s: f64,
     },
 }
 
@@ -68,6 +70,7 @@ pub fn identifiability(
     if seen.one_speed() && !seen.varied_within_a_record() {
         out.push(CannotIdentify::RateDependence {
             speed_v_s: seen.speed_max_v_s,
+            slowest_v_s: seen.speed_min_v_s.min(seen.speed_max_v_s),
         });
     }
     out
