@@ -149,21 +149,12 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
             .iter()
             .take(guesses)
             .map(|start| study.with(model, &[(score.effect.clone(), start.clone())]));
-        // A bend about another zero of the sensor is a bend and a slope.
-        let is_bend = score.effect.declaration().place == Place::SensorNonlinearity;
-        let begun = begun.map(|begin| {
-            if is_bend {
-                scaled_beside_free_values(study, &begin)
-            } else {
-                begin
-            }
-        });
         trials.extend(begun.map(|begin| (Move::Added(score.id.clone()), begin)));
     }
     let is_moved = |id: &str| entry.moves.iter().any(|m| m.effect() == id);
     for e in prior.effects.iter().filter(|e| !is_moved(&e.id)) {
         let begin = if e.effect.declaration().is_main() {
-            scaled_beside_free_values(study, model)
+            scaled(study, model)
         } else {
             freed(model, prior, &e.id)
         };
@@ -243,32 +234,8 @@ pub fn changes(study: &Study, id: &str, before: &Model, after: &Model) -> Vec<Ch
         .collect()
 }
 
-/// The model with its hysteresis times the factor that the data ask for, its free values fitted beside it. A
-/// fit and a factor in turn come nearer to that by the same share each time, by a tenth only beside a bend:
-/// the limit is taken.
-fn scaled_beside_free_values(study: &Study, model: &Model) -> Model {
-    let mut values = model.effects.iter().flat_map(|e| &e.parameters);
-    if values.all(|value| value.parameter.fixed) {
-        return times(model, scale_asked_for(study, model));
-    }
-    let fitted = study.for_comparison(model).model;
-    let first = scale_asked_for(study, &fitted);
-    let fitted = study.for_comparison(&times(&fitted, first)).model;
-    let again = scale_asked_for(study, &fitted);
-    let share = first * (again - 1.0) / (first - 1.0);
-    let reaches = if share.abs() < NEARER_EACH_TIME {
-        1.0 + (first - 1.0) / (1.0 - share)
-    } else {
-        first * again
-    };
-    times(&fitted, reaches / first)
-}
-
-/// Where a factor and a fit in turn come nearer by less than this leaves, no limit is foreseen.
-const NEARER_EACH_TIME: f64 = 0.98;
-
-/// The factor by which the data ask for a larger displacement.
-fn scale_asked_for(study: &Study, model: &Model) -> f64 {
+/// The model with its hysteresis times the factor that the data ask for.
+fn scaled(study: &Study, model: &Model) -> Model {
     let rows = Rows::thinned(
         study.dataset,
         &study.split.identify,
@@ -285,11 +252,7 @@ fn scale_asked_for(study: &Study, model: &Model) -> f64 {
         along += modelled.dot(&found);
         power += modelled.norm_squared();
     }
-    if power > 0.0 { along / power } else { 1.0 }
-}
-
-/// The model with its hysteresis times a factor.
-fn times(model: &Model, factor: f64) -> Model {
+    let factor = if power > 0.0 { along / power } else { 1.0 };
     let mut out = model.clone();
     // Coefficients in um and gains are in proportion to the displacement; thresholds and shapes are not.
     let of_loops = |e: &&mut EffectInstance| e.effect.declaration().place == Place::Hysteresis;
@@ -356,31 +319,5 @@ mod tests {
         assert_eq!(changed.len(), 1);
         assert!((changed[0].to - 1.2).abs() < 1e-3, "{changed:?}");
         assert!(compare(&study, with_gain(0.12)).unwrap().at_home);
-    }
-
-    /// A bend takes in most of what a factor does: one fit and one factor stop at 0.1173, the limit is 0.1214.
-    #[test]
-    fn a_factor_is_found_beside_a_bent_sensor() {
-        let drive_v: Vec<f64> = (0..3000)
-            .map(|k| 100.0 * (0.004 * f64::from(k)).sin())
-            .collect();
-        let read_um = std::iter::once(0.0)
-            .chain(drive_v.iter().map(|v| 0.12 * v))
-            .take(3000)
-            .map(|x: f64| x + 2e-4 * x.powi(3))
-            .collect();
-        let record = Record::new("bent", 1000.0, drive_v, read_um);
-        let dataset = Dataset::new("d", -100.0, 100.0, vec![record]).unwrap();
-        let (floor, policy) = (noise_floor(&dataset), Policy::default());
-        let study = Study::new(&dataset, Vec::new(), &floor, policy, &Unwatched);
-        let mut model = Model::new(-100.0, 100.0);
-        for (name, values) in [("gain", &[0.117][..]), ("sensor_nonlinearity", &[])] {
-            let effect = effects_named(name).unwrap().remove(0);
-            model.add(EffectInstance::new(effect, &dataset.overview(), values));
-        }
-        let model = holding(&model, |effect, _| effect == "gain");
-        let scaled = scaled_beside_free_values(&study, &model);
-        let gain = scaled.effect("gain").unwrap().values()[0];
-        assert!((gain - 0.12).abs() < 2e-3, "{gain}");
     }
 }
