@@ -428,6 +428,11 @@ impl<'a> Said<'a> {
                     self.so_far()
                 )
             }
+            Some(Reason::ManyAlternatives) if d.so_far.len() == 1 => format!(
+                "Something is missing that this data cannot name for certain: {} is ahead, and no search came to try without it. \
+                 The {which} is {before} nm, with it {after}; {noise}.",
+                spoken(&d.so_far[0])
+            ),
             Some(Reason::ManyAlternatives) => format!(
                 "Something is missing that this data cannot name: {} do as well as each other. The {which} is {before} nm, with one of them {after}; \
                  {noise}. Record a drive on which they differ.",
