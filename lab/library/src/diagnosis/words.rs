@@ -580,7 +580,7 @@ impl<'a> Said<'a> {
 
     /// Modes that were named and may be faster ones: no reading shows on which side of half the rate they are.
     fn aliases(&self, model: &Model, study: &Study) -> String {
-        let rate_hz = study.overview.sample_rate_min_hz;
+        let rate_hz = study.overview.sample_rate_max_hz;
         let named = self.diagnosis.findings.iter().flat_map(|f| &f.effects);
         let rings = named.filter_map(|id| {
             let effect = model.effect(id)?;
