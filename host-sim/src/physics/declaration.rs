@@ -283,8 +283,8 @@ pub enum LoopsTried {
     Never,
     /// Once there is a structure.
     AtFirst,
-    /// Where a first round leaves an error far above the noise: they have so many values that they can take
-    /// in other effects, or take much longer.
+    /// Once nothing else helps far above the noise: they have so many values that they can take in other
+    /// effects, or take much longer.
     FarAbove,
 }
 

@@ -11,7 +11,7 @@
 //! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
 //! looks like a better description of them, so the other structures of the library are tried once, and each
 //! kind that comes near the best has a beam of its own. A structure that takes long, or has many values, comes
-//! where the first round leaves an error far above the noise.
+//! when nothing else helps far above the noise: tried earlier it takes in delays and lags.
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -107,7 +107,7 @@ impl<'s, 'a> Search<'s, 'a> {
     pub fn run(&mut self) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
-        for round in 0..policy.effects_max + policy.rounds_without_gain_far_above {
+        for _ in 0..policy.effects_max + policy.rounds_without_gain_far_above {
             self.stopped = self.study.watch.stopped();
             if self.stopped || self.settled() {
                 return Ok(());
@@ -130,7 +130,7 @@ impl<'s, 'a> Search<'s, 'a> {
             if !self.is_bare_gain(self.pool.best()) {
                 proposals.extend(self.propose_structures(LoopsTried::AtFirst));
             }
-            if round > 0 && !near {
+            if !near && (without_gain > 0 || proposals.is_empty()) {
                 proposals.extend(self.propose_structures(LoopsTried::FarAbove));
             }
             if proposals.is_empty() {
