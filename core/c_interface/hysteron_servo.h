@@ -9,7 +9,7 @@
 /* Memory of one servo; nothing else is allocated. */
 typedef struct { uint64_t memory[1536]; } hysteron_servo;
 
-/* Begins with a block, open. 0: done; 1: a null pointer; 2: no block; 3: another version; 4: damaged;
+/* Begins with a block, the loop open. 0: done; 1: a null pointer; 2: no block; 3: another version; 4: damaged;
    5: another sampling rate; 6: a value that no servo has. */
 int32_t hysteron_servo_init(hysteron_servo *servo, const uint8_t block[HYSTERON_BLOCK_BYTES], uint32_t sample_rate_hz);
 

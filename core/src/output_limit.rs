@@ -60,8 +60,8 @@ mod tests {
     }
 
     /// One tick from every code, whatever is asked for: no further than the slew limit, inside the range or
-    /// nearer to it, and from inside it untouched where both allow it. What holds for one tick from any code holds for every
-    /// sequence of them.
+    /// nearer to it, and from inside it untouched where both allow it. What holds for one tick from any code
+    /// holds for every sequence of them.
     fn passes(limits: [u32; 4], wanted: u32) {
         let [lowest, highest, slew, last] = limits;
         let mut limit = limit(limits);

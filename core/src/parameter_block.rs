@@ -7,9 +7,9 @@
 //! ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both, then
 //! the bands of the loop ([`crate::loop_margin`]). Only where a periodic reference is learned, the filters for
-//! it follow; only where the gain is adapted, its bounds stand behind them. [`read`] refuses what is damaged, of another version, made for another sampling
-//! rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or
-//! whose design is not stable, and says which.
+//! it follow; only where the gain is adapted, its bounds stand behind them. [`read`] refuses what is damaged, of
+//! another version, made for another sampling rate, whose integers contradict its physical description, with
+//! which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};

@@ -11,7 +11,7 @@ use hysteron::servo::order::{DesignOrder, design};
 use hysteron::servo::reference::PeriodicReference;
 use hysteron::several_axes::manifest as several_axes;
 use hysteron::{
-    Drive, EffectInstance, Error, InitialState, Language, Model, Overview, Policy, Result,
+    Drive, Effect, EffectInstance, Error, InitialState, Language, Model, Overview, Policy, Result,
     effect_named, export, from_toml, own_effect, simulate, to_toml, waveform,
 };
 use hysteron_core::amplifier::{Amplifier, Command};
@@ -24,6 +24,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::root;
 use std::panic::catch_unwind;
+use std::sync::Arc;
 
 /// A whole input: what it is called, and its bytes.
 pub type Whole = (String, Vec<u8>);
@@ -44,7 +45,7 @@ pub struct Target {
 /// Where the project's own files cannot be read.
 #[must_use]
 pub fn targets() -> Vec<Target> {
-    let servo = servo_design();
+    let servo = design(&loops_and_mode(0.6), &DesignOrder::default()).expect("a servo");
     let parameters = amplifier_parameters(&servo, &FrontEnd::default()).expect("a block");
     let servo_text = toml::to_string(&servo).expect("a servo file");
     let text = |name: &str, text: &str| vec![(name.to_owned(), text.as_bytes().to_vec())];
@@ -111,49 +112,35 @@ fn recordings() -> Vec<Whole> {
     wholes
 }
 
+/// Loops and a mode.
+#[must_use]
+pub fn loops_and_mode(damping_ratio: f64) -> Model {
+    let overview = Overview::without_data(0.0, 80.0);
+    let mut model = Model::new(0.0, 80.0);
+    for (id, values) in [
+        ("hysteresis", &[9.0, 1.0, -2.0][..]),
+        ("vibration", &[5_300.0, damping_ratio]),
+    ] {
+        let effect = effect_named(id).expect("an effect");
+        model.add(EffectInstance::new(effect, &overview, values));
+    }
+    model
+}
+
 /// A model for every effect, at what a fit of it begins with, behind loops and a mode.
 fn models() -> Vec<Whole> {
     let overview = Overview::without_data(0.0, 80.0);
-    let base: [(&str, &[f64]); 2] = [
-        ("hysteresis", &[9.0, 1.0, -2.0]),
-        ("vibration", &[5e3, 0.1]),
-    ];
-    registry()
-        .into_iter()
-        .map(|effect| {
-            let mut model = Model::new(0.0, 80.0);
-            for (id, values) in base {
-                model.add(EffectInstance::new(
-                    effect_named(id).expect("an effect"),
-                    &overview,
-                    values,
-                ));
-            }
-            let values = effect.starts(&overview).swap_remove(0);
-            let id = effect.declaration().id;
-            model.add(EffectInstance::new(effect, &overview, &values));
-            (
-                format!("{id}.toml"),
-                to_toml(&model, "stage").expect("a text").into_bytes(),
-            )
-        })
-        .collect()
-}
-
-fn servo_design() -> ServoDesign {
-    let overview = Overview::without_data(0.0, 80.0);
-    let mut chain = Model::new(0.0, 80.0);
-    for (id, values) in [
-        ("hysteresis", &[9.0, 1.0, -2.0][..]),
-        ("vibration", &[5_300.0, 0.6]),
-    ] {
-        chain.add(EffectInstance::new(
-            effect_named(id).expect("an effect"),
-            &overview,
-            values,
-        ));
-    }
-    design(&chain, &DesignOrder::default()).expect("a servo")
+    let with = |effect: Arc<dyn Effect>| {
+        let mut model = loops_and_mode(0.1);
+        let (values, id) = (
+            effect.starts(&overview).swap_remove(0),
+            effect.declaration().id,
+        );
+        model.add(EffectInstance::new(effect, &overview, &values));
+        let text = to_toml(&model, "stage").expect("a text");
+        (format!("{id}.toml"), text.into_bytes())
+    };
+    registry().into_iter().map(with).collect()
 }
 
 fn trace() -> Vec<u8> {
@@ -345,13 +332,19 @@ fn read_reference(_: &str, bytes: &[u8]) -> bool {
     })
 }
 
-/// A block that is accepted runs. Its checksum is made right, or no damage would reach what is behind it.
-fn read_parameters(_: &str, bytes: &[u8]) -> bool {
+/// With a right checksum at the end: without it no damage would reach what is behind the check.
+fn sealed(bytes: &[u8]) -> Vec<u8> {
     let mut sealed = bytes.to_vec();
     if let Some(end) = sealed.len().checked_sub(4) {
         let sum = crc32(&sealed[..end]).to_le_bytes();
         sealed[end..].copy_from_slice(&sum);
     }
+    sealed
+}
+
+/// A block that is accepted runs.
+fn read_parameters(_: &str, bytes: &[u8]) -> bool {
+    let sealed = sealed(bytes);
     let _ = (
         kept_settings::read(&sealed, 20_000),
         safety_envelope::read(&sealed),
@@ -376,11 +369,7 @@ fn run(mut amplifier: Amplifier) {
 }
 
 fn read_trace(_: &str, bytes: &[u8]) -> bool {
-    let mut sealed = bytes.to_vec();
-    if let Some(end) = sealed.len().checked_sub(4) {
-        let sum = crc32(&sealed[..end]).to_le_bytes();
-        sealed[end..].copy_from_slice(&sum);
-    }
+    let sealed = sealed(bytes);
     let _ = hysteron::capture::capture(bytes, bytes);
     ReadBlock::read(&sealed).is_ok_and(|block| block.samples().count() > 0)
 }

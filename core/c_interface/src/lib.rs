@@ -34,8 +34,8 @@ fn number(problem: BlockError) -> i32 {
     }
 }
 
-/// Begins with a block, open; 0, or what is wrong (1: a null pointer). The block is read from an array of
-/// [`BLOCK_BYTES`], of which the rest may be anything.
+/// Begins with a block, the loop open; 0, or what is wrong (1: a null pointer). The block is read from an array
+/// of [`BLOCK_BYTES`], of which the rest may be anything.
 #[unsafe(no_mangle)]
 pub extern "C" fn hysteron_servo_init(
     memory: Option<&mut MaybeUninit<Servo>>,
@@ -54,7 +54,7 @@ pub extern "C" fn hysteron_servo_init(
     }
 }
 
-/// Writes an open-loop drive and keeps it in mind; gives the code within the limits, for the converter.
+/// Takes note of an open-loop drive, for the memory of the hysteresis; gives the code within the limits.
 #[unsafe(no_mangle)]
 pub extern "C" fn hysteron_servo_open_loop(servo: Option<&mut Servo>, code: u32) -> u32 {
     servo.map_or(0, |Servo(servo)| {

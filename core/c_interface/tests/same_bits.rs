@@ -6,11 +6,11 @@ use std::process::Command;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::order::{DesignOrder, design};
 use hysteron::servo::schemes::SchemeChoice;
-use hysteron::{EffectInstance, Model, Overview, effect_named};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::BLOCK_BYTES;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::{Micrometres, Quantity};
+use hysteron_tests::random_input::loops_and_mode;
 
 const TICKS: u32 = 1_000_000;
 
@@ -108,15 +108,7 @@ fn expected(mut servo: ServoTick) -> String {
 
 #[test]
 fn a_program_in_c_gives_the_codes_of_the_servo() {
-    let overview = Overview::without_data(0.0, 80.0);
-    let mut chain = Model::new(0.0, 80.0);
-    for (id, values) in [
-        ("hysteresis", &[9.0, 1.0, -2.0][..]),
-        ("vibration", &[5_300.0, 0.6]),
-    ] {
-        let effect = effect_named(id).unwrap();
-        chain.add(EffectInstance::new(effect, &overview, values));
-    }
+    let chain = loops_and_mode(0.6);
     let folder = tempfile::tempdir().unwrap();
     let header = Path::new(env!("CARGO_MANIFEST_DIR")).join("hysteron_servo.h");
     std::fs::copy(header, folder.path().join("hysteron_servo.h")).unwrap();

@@ -26,9 +26,9 @@ const LEVELS: usize = 5;
 const REVERSIBLE: usize = 3;
 /// Parameters in front of the coefficients.
 const SHAPE: usize = 2;
-/// How large a coefficient of order one is expected, of the range of the readings, where the data do not say
-/// it; of another order, one over that of it. Without this, loops of 5 Hz predict 20 and 40 Hz to 1,736 and
-/// 966 instead of 140 and 134 nm, and the fitted errors of 20 and 40 Hz are 2 % lower.
+/// Share of the range of the readings within which a coefficient of order one is expected where the data leave
+/// it open; one of order `n`, within an `n`-th of that. Without this, loops of 5 Hz predict 20 and 40 Hz to
+/// 1,736 and 966 instead of 140 and 134 nm, and the fitted errors of 20 and 40 Hz are 2 % lower.
 const EXPECTED_SHARE: f64 = 0.03;
 /// Time between two attempts over a barrier, s. Another one scales all thresholds.
 const ATTEMPT_S: f64 = 1e-4;

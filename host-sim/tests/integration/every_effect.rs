@@ -125,7 +125,7 @@ proptest! {
     }
 
     /// Whatever lies between: a drive that comes back to an extremum finds the output that it left there, and
-    /// goes on as if it had never turned.
+    /// goes on as without the turns between.
     #[test]
     fn inner_loops_close_and_are_forgotten(
         top in 30.0..HIGHEST_V,

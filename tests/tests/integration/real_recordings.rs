@@ -75,7 +75,7 @@ fn a_delay_of_real_readings_is_named_and_added() {
             &Unwatched,
         )
         .expect("it can be explained");
-        // Named, or the first of more than a name may be.
+        // Named, or the first of more alternatives than a name may have.
         let first = |f: &Finding| f.effects.first().is_some_and(|id| id == delay::ID);
         let open = found.diagnosis.so_far.first();
         let is_first =

@@ -8,6 +8,9 @@
 use super::case::SetCase;
 use super::context::{Context, spread, write};
 use super::mark::CaseTruth;
+use rand::{Rng, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -27,24 +30,6 @@ const STRENGTHS: [f64; 3] = [0.015, 0.03, 0.06];
 const IN_PARTS: [&str; 4] = ["hysteresis", "initial_curve", "rate_dependence", "creep"];
 /// Seeds of each strength.
 const SEEDS: u64 = 4;
-
-/// Uniform numbers from 0 to 1 (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        low + (high - low) * ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * self.uniform(1e-12, 1.0).ln()).sqrt();
-        radius * self.uniform(0.0, TAU).cos()
-    }
-}
 
 struct Domain {
     coercive_v: f64,
@@ -66,9 +51,12 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(activation: f64, random: &mut Random) -> Self {
-        let (median_v, spread) = (random.uniform(6.0, 9.0), random.uniform(0.7, 0.9));
-        let (bias_v, bias_spread_v) = (random.uniform(28.0, 38.0), random.uniform(18.0, 24.0));
+    fn new(activation: f64, random: &mut Pcg64Mcg) -> Self {
+        let (median_v, spread) = (random.random_range(6.0..9.0), random.random_range(0.7..0.9));
+        let (bias_v, bias_spread_v) = (
+            random.random_range(28.0..38.0),
+            random.random_range(18.0..24.0),
+        );
         let mut domains = Vec::new();
         for i in 0..24 {
             let coercive_v = 0.6 * 1.19f64.powi(i);
@@ -85,16 +73,16 @@ impl Stage {
             }
         }
         let whole: f64 = domains.iter().map(|d| d.weight_um).sum();
-        let switched_um = random.uniform(2.0, 4.0);
+        let switched_um = random.random_range(2.0..4.0);
         domains
             .iter_mut()
             .for_each(|d| d.weight_um *= switched_um / whole);
         let mut stage = Self {
             domains,
             activation,
-            reversible_um_v: random.uniform(0.08, 0.12),
-            natural_frequency_rad_s: random.uniform(3000.0, 7000.0),
-            damping_ratio: random.uniform(0.3, 0.8),
+            reversible_um_v: random.random_range(0.08..0.12),
+            natural_frequency_rad_s: random.random_range(3000.0..7000.0),
+            damping_ratio: random.random_range(0.3..0.8),
             at_rest_um: 0.0,
             position_um: 0.0,
             velocity_um_s: 0.0,
@@ -192,11 +180,12 @@ fn made(folder: &Path, name: &str, activation: f64, seed: u64) -> Result<PathBuf
     drives.push(("rest", "noise", vec![0.0; 3000]));
     for (record, role, drive_v) in drives {
         // The same stage before each record, other noise.
-        let mut stage = Stage::new(activation, &mut Random(seed));
-        let mut noise = Random(seed ^ (((drive_v.len() as u64) << 32) | record.len() as u64));
+        let mut stage = Stage::new(activation, &mut Pcg64Mcg::seed_from_u64(seed));
+        let mut noise =
+            Pcg64Mcg::seed_from_u64(seed ^ (((drive_v.len() as u64) << 32) | record.len() as u64));
         let mut text = String::from("t_s,u_V,y_um\n");
         for (k, drive_v) in drive_v.into_iter().enumerate() {
-            let reading_um = stage.position_um + NOISE_UM * noise.normal();
+            let reading_um = stage.position_um + NOISE_UM * noise.sample::<f64, _>(StandardNormal);
             let _ = writeln!(
                 text,
                 "{:.4},{drive_v:.5},{reading_um:.6}",

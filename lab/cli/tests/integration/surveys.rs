@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Recordings of a first-order lag behind a gain, one of which has another gain, and a file that is no recording.
+/// Recordings of a first-order lag behind a gain, one of which has another gain, and a file that is no
+/// recording.
 fn recordings(folder: &Path, count: usize) {
     let inside = folder.join("recordings");
     std::fs::create_dir(&inside).unwrap();

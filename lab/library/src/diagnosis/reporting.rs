@@ -16,6 +16,7 @@ use crate::outcome::{
 };
 use crate::quality::{Issue, Reason, Severity};
 use hysteron_sim::effect::by_id;
+use std::collections::BTreeSet;
 
 /// What a diagnosis is put together from.
 pub struct Found<'a> {
@@ -119,11 +120,11 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             && found.last.model.ruled_out_because(&e.id).is_some()
     });
     let only_values = findings.iter().all(|f| f.effects.is_empty());
-    // What a search found that ended early is no name.
     let reason = reason.or_else(|| {
         let says_little = findings.is_empty() && !found.open.is_empty();
         says_little.then_some(Reason::ManyAlternatives)
     });
+    // What a search found that ended early is no name.
     let early = matches!(reason, Some(Reason::Stopped | Reason::OutOfTime));
     let open: Vec<Finding> = found.open.iter().map(Weighed::finding).collect();
     let new = |judged: &Judged| {
@@ -137,7 +138,10 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         new(found.last)
     } else {
         let names = findings.iter().filter(|_| early).chain(&open);
-        names.flat_map(about).cloned().collect()
+        let all = |f: &Finding| [&f.effects[..], &f.or_other_values_of].concat();
+        let mut seen = BTreeSet::new();
+        let ids = names.flat_map(all);
+        ids.filter(|id| seen.insert(id.clone())).collect()
     };
     if early {
         findings.clear();

@@ -428,11 +428,6 @@ impl<'a> Said<'a> {
                     self.so_far()
                 )
             }
-            Some(Reason::ManyAlternatives) if d.so_far.len() == 1 => format!(
-                "Something is missing that this data cannot name for certain: {} is ahead, and no search came to try without it. \
-                 The {which} is {before} nm, with it {after}; {noise}.",
-                spoken(&d.so_far[0])
-            ),
             Some(Reason::ManyAlternatives) => format!(
                 "Something is missing that this data cannot name: {} do as well as each other. The {which} is {before} nm, with one of them {after}; \
                  {noise}. Record a drive on which they differ.",
@@ -661,8 +656,8 @@ impl<'a> Said<'a> {
 
 /// What turns by so many times as much as it decays has a damping ratio below a half and rings.
 const RINGS: f64 = 1.7;
-/// Share of the rate from which a mode may be an alias. A drive that is held between samples shakes what lies as
-/// far below the rate by a ninth of what it does itself, or more.
+/// Share of the rate from which a mode may be an alias. A drive that is held between samples shakes what lies
+/// as far below the rate by a ninth of what it does itself, or more.
 const ALIASES_FROM: f64 = 0.1;
 
 /// Records whose speeds differ by more than this factor do not move at one speed.

@@ -15,8 +15,8 @@ use std::fmt::Write;
 /// Halvings of the range: a double has 53 bits.
 const HALVINGS: usize = 52;
 
-/// The text of the inverse of a model's loops and creep in a language, at a sampling rate; `name` is what its function is
-/// called.
+/// The text of the inverse of a model's loops and creep in a language, at a sampling rate; `name` is what its
+/// function is called.
 ///
 /// # Errors
 /// The model has no loops, or some that no law describes; a language that has no inverse.
