@@ -22,14 +22,17 @@ const LARGEST: f64 = 0.55;
 /// Functions of the threshold and of the position in which the density is written.
 const SIZES: usize = 5;
 const LEVELS: usize = 5;
-/// Powers of the part that has no memory.
-const REVERSIBLE: usize = 3;
+/// Powers of the part that has no memory: as many as those of the positions, which it holds for plays that
+/// follow the drive.
+const REVERSIBLE: usize = LEVELS;
 /// Parameters in front of the coefficients.
 const SHAPE: usize = 2;
 /// Share of the range of the readings within which a coefficient of order one is expected where the data leave
-/// it open; one of order `n`, within an `n`-th of that. Without this, loops of 5 Hz predict 20 and 40 Hz to
-/// 1,736 and 966 instead of 140 and 134 nm, and the fitted errors of 20 and 40 Hz are 2 % lower.
-const EXPECTED_SHARE: f64 = 0.03;
+/// it open; one of order `n`, within a share of that by the square of `n`: a smooth density. Without this, loops
+/// of 5 Hz predict 20 and 40 Hz to 463 and 394 instead of 114 and 94 nm.
+const EXPECTED_SHARE: f64 = 0.3;
+/// Share of the range of the readings by which a coefficient is varied.
+const STEP_SHARE: f64 = 0.01;
 /// Time between two attempts over a barrier, s. Another one scales all thresholds.
 const ATTEMPT_S: f64 = 1e-4;
 /// How long a stage at rest has rested, s: another decade moves the positions by a share `k` of 2.3.
@@ -180,7 +183,8 @@ impl Plays {
         // Closer together where they are small: small loops consist of them.
         let threshold = |at: f64| LARGEST * (at / PLAYS as f64).powf(1.5);
         let thresholds = std::array::from_fn(|j| threshold(j as f64 + 0.5));
-        let share = |j: usize| (threshold(j as f64 + 1.0) - threshold(j as f64)) / LARGEST;
+        let root = |at: f64| (threshold(at) / LARGEST).sqrt();
+        let share = |j: usize| root(j as f64 + 1.0) - root(j as f64);
         let by_size =
             thresholds.map(|middle: f64| legendre::<SIZES>(2.0 * (middle / LARGEST).sqrt() - 1.0));
         let width = |middle: f64| [activation * middle, 1.0 / (activation * middle)];
@@ -233,16 +237,10 @@ fn legendre<const N: usize>(x: f64) -> [f64; N] {
     out
 }
 
-/// Polynomials of the position that a density weighs: the constant one moves nothing.
+/// Polynomials of a position or of the drive: the constant one moves nothing.
 fn by_level(position: f64) -> [f64; LEVELS] {
     let all = legendre::<{ LEVELS + 1 }>(2.0 * position - 1.0);
     std::array::from_fn(|level| all[level + 1])
-}
-
-/// Polynomials of the drive in the part without memory.
-fn of_drive(x: f64) -> [f64; REVERSIBLE] {
-    let all = legendre::<{ REVERSIBLE + 1 }>(2.0 * x - 1.0);
-    std::array::from_fn(|power| all[power + 1])
 }
 
 /// A sum of Legendre polynomials from the first on, of `2 x - 1`, in powers of that.
@@ -299,11 +297,16 @@ impl SwitchingStage {
         let plays = Plays::new(from.model, values[0], values[1], from.setting.dt_s);
         let value = |i: usize| values.get(SHAPE + i).copied().unwrap_or(0.0);
         let mut switching = [[0.0; PLAYS]; LEVELS + 1];
+        // Plays count from where the drive is.
+        let mut reversible: [f64; REVERSIBLE] = std::array::from_fn(value);
         for j in 0..PLAYS {
             let weights: [f64; LEVELS] = std::array::from_fn(|level| {
                 let size = |i: usize| plays.sizes[i][j] * value(REVERSIBLE + i * LEVELS + level);
                 (0..SIZES).map(size).sum()
             });
+            for (of_drive, weight) in reversible.iter_mut().zip(weights) {
+                *of_drive -= weight;
+            }
             for (out, power) in switching.iter_mut().zip(powers(&weights)) {
                 out[j] = power;
             }
@@ -312,7 +315,7 @@ impl SwitchingStage {
             kept: None,
             switching,
             at_rest_um: 0.0,
-            reversible: std::array::from_fn(value),
+            reversible,
             plays,
         };
         out.at_rest_um = out.output(out.plays.range.lower_v, &out.plays.positions);
@@ -326,7 +329,7 @@ impl SwitchingStage {
                 *out = *out * (2.0 * position - 1.0) + weight;
             }
         }
-        let of_drive = of_drive(self.plays.range.share(drive_v));
+        let of_drive = by_level(self.plays.range.share(drive_v));
         let reversible = self.reversible.iter().zip(&of_drive);
         reversible
             .map(|(weight, value)| weight * value)
@@ -431,11 +434,13 @@ impl SwitchingCoefficients {
 /// What one unit of each coefficient gives.
 fn contribute(plays: &Plays, drive_v: f64, row: &mut [f64]) {
     let (reversible, switching) = row.split_at_mut(REVERSIBLE);
-    reversible.copy_from_slice(&of_drive(plays.range.share(drive_v)));
+    let of_drive = by_level(plays.range.share(drive_v));
+    reversible.copy_from_slice(&of_drive);
     let mut levels = [[0.0; PLAYS]; LEVELS];
     for (j, position) in plays.positions.iter().enumerate() {
-        for (out, level) in levels.iter_mut().zip(by_level(*position)) {
-            out[j] = level;
+        let behind = by_level(*position).into_iter().zip(of_drive);
+        for (out, (level, of_drive)) in levels.iter_mut().zip(behind) {
+            out[j] = level - of_drive;
         }
     }
     for (out, size) in switching.chunks_exact_mut(LEVELS).zip(&plays.sizes) {
@@ -478,7 +483,7 @@ impl Effect for ActivatedSwitching {
             lasts_steps: Some(24),
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 32 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 32)^1.5`, `j = 0..31`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
 
-`Y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) P_k(2 z_j - 1)` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^1.5 - (j / 32)^1.5`.
+`Y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) (P_k(2 z_j - 1) - P_k(2 X - 1))` with Legendre polynomials `P`, and `h_j = ((j + 1) / 32)^0.75 - (j / 32)^0.75`.
 
 Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `a = 1 - exp(-d)`, `b = 1 + exp(-d)` and `q = exp(-|X - z_j| / w_j)` the new distance is `w_j ln((b + q a) / (a + q b))`. Where `q > 1e12 a` the play stands still. At rest each play has followed `X` for 10 s from `memory r_j`. `y = Y - Y_0`, where `Y_0` is `Y` at rest at `X = 0`.",
             ..Declaration::of_loops()
@@ -486,15 +491,14 @@ Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `
     }
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        let step = 0.01 * overview.range_um.max(1e-6);
+        let step = STEP_SHARE * overview.range_um.max(1e-6);
         let coefficient = |name: String| Parameter::linear(name, "um", -1e6, 1e6, step);
         let reversible = (1..=REVERSIBLE).map(|i| format!("reversible_{i}_um"));
         let switching = (0..SIZES)
             .flat_map(|size| (1..=LEVELS).map(move |level| (size, level)))
             .map(|(size, level)| {
-                coefficient(format!("switching_{size}_{level}_um")).expected_within(
-                    EXPECTED_SHARE * overview.range_um.max(1e-6) / (size + level) as f64,
-                )
+                coefficient(format!("switching_{size}_{level}_um"))
+                    .expected_within(EXPECTED_SHARE / STEP_SHARE / ((size + level) as f64).powi(2))
             });
         [
             Parameter::logarithmic("activation", "1", 0.003, 0.2),
@@ -507,12 +511,12 @@ Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `
     }
 
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        // Half of the range to each side of its middle, a fifth of it by switching.
+        // Half of the range to each side of its middle; a fifth of it lags behind.
         let scale = 0.5 * overview.gain_um_v * overview.drive_range_v();
         let start = |activation| {
             let mut values = vec![0.0; SHAPE + COEFFICIENTS];
             (values[0], values[1]) = (activation, 1.0);
-            (values[2], values[2 + REVERSIBLE]) = (0.8 * scale, 0.2 * scale);
+            (values[2], values[2 + REVERSIBLE]) = (scale, 0.2 * scale);
             values
         };
         // Twice as much, and half: a fit does not come from one to the other.
@@ -525,7 +529,7 @@ Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `
         let mut values = self.starts(overview).swap_remove(0);
         values[0] = 0.015 * case.strength;
         // Small thresholds carry most of the switching.
-        values[SHAPE] = case.about(0.6 * scale);
+        values[SHAPE] = case.about(1.3 * scale);
         values[SHAPE + REVERSIBLE] = case.about(scale);
         values[SHAPE + REVERSIBLE + LEVELS] = -case.about(scale);
         Some(values)

@@ -17,6 +17,8 @@ pub const ID: &str = "creep";
 /// Share of a term, of the motion: stacks creep by one to three per cent in a decade of time (Adriaens et
 /// al., IEEE/ASME Trans. Mechatronics 5 (2000) 331-341), and terms stand about a decade apart.
 pub const EXPECTED_SHARE: f64 = 0.03;
+/// Share by which that of a term is varied.
+const SHARE_STEP: f64 = 0.01;
 
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
@@ -344,8 +346,8 @@ Behind modes it goes once a period, by the values at the ends of periods.",
             .enumerate()
             .flat_map(|(i, tau)| {
                 [
-                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01)
-                        .expected_within(EXPECTED_SHARE),
+                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, SHARE_STEP)
+                        .expected_within(EXPECTED_SHARE / SHARE_STEP),
                     Parameter::logarithmic(
                         format!("time_constant_{}_s", i + 1),
                         "s",

@@ -84,8 +84,8 @@ pub struct Parameter {
     /// Not estimated unless asked for.
     pub fixed: bool,
     /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in
-    /// its unit.
-    pub expected: Option<f64>,
+    /// steps that matter. So it stays what it is where a file tells the steps.
+    pub expected_steps: Option<f64>,
     /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of
     /// a missing effect.
     pub of_a_grid: bool,
@@ -113,15 +113,15 @@ impl Parameter {
             upper: upper.max(lower),
             scale,
             fixed: false,
-            expected: None,
+            expected_steps: None,
             of_a_grid: false,
         }
     }
 
-    /// This parameter, expected within so much of zero where data do not say it.
+    /// This parameter, where it is varied by steps, expected within so many of zero where data do not say it.
     #[must_use]
-    pub fn expected_within(mut self, std: f64) -> Self {
-        self.expected = Some(std);
+    pub fn expected_within(mut self, steps: f64) -> Self {
+        self.expected_steps = Some(steps);
         self
     }
 

@@ -399,7 +399,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
                     upper: p.upper,
                     scale,
                     fixed: p.fixed,
-                    expected: None,
+                    expected_steps: None,
                     of_a_grid: false,
                 },
                 value: p.value,
@@ -422,7 +422,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
         }
         for (found, declared) in parameters.iter_mut().zip(declared_parameters) {
             found.parameter.of_a_grid = declared.of_a_grid && found.parameter.fixed;
-            found.parameter.expected = declared.expected;
+            found.parameter.expected_steps = declared.expected_steps;
             if found.parameter.name != declared.name {
                 return Err(Error::new(
                     &place,
@@ -546,4 +546,36 @@ pub fn own_effect(text: &str, file_name: &str) -> Result<Arc<dyn Effect>> {
     ExpressionEffect::from_toml(text)
         .map(|e| Arc::new(e) as Arc<dyn Effect>)
         .map_err(|m| Error::new(file_name, m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is expected of a coefficient goes with the range of the readings, which a file does not tell.
+    #[test]
+    fn a_model_that_is_read_expects_of_its_values_what_it_did() {
+        let overview = Overview {
+            range_um: 40.0,
+            ..Overview::without_data(-95.0, 95.0)
+        };
+        let mut model = Model::new(-95.0, 95.0);
+        for effect in registry() {
+            model.add(EffectInstance::new(effect, &overview, &[]));
+        }
+        let read = from_toml(&to_toml(&model, "stage").unwrap(), "model.toml").unwrap();
+        assert_eq!(read.effect_ids(), model.effect_ids());
+        let mut expected = 0;
+        for (found, before) in read.effects.iter().zip(&model.effects) {
+            for (found, before) in found.parameters.iter().zip(&before.parameters) {
+                assert_eq!(
+                    found.parameter, before.parameter,
+                    "{}",
+                    before.parameter.name
+                );
+                expected += usize::from(before.parameter.expected_steps.is_some());
+            }
+        }
+        assert!(expected > 0);
+    }
 }

@@ -7,7 +7,8 @@
 //!   weak prior of one full range on coefficients keeps directions that the data do not show small; it weighs
 //!   one part in 10^4 of one sample.
 //! * The derivatives by the coefficients of the hysteresis change little while the other values move little;
-//!   they are kept until those have moved far enough. Every step is judged by the true sum of squares.
+//!   they are kept until those have moved far enough. Every step is judged by the true sum of squares and what
+//!   the prior adds to it.
 //! * Where a trial step fails, the coefficients of the hysteresis follow it before the fit rejects it, by the
 //!   derivatives that led to the step: exact ones cost as much as a step, and brought a fall in one of twelve
 //!   cases where those did not.
@@ -251,7 +252,7 @@ pub fn fit_while(
             },
             &mut lambda,
         );
-        let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
+        let gain = step.as_ref().map_or(0.0, |s| s.fell);
         let mut kept = 0.0;
         if let Some(step) = step {
             kept = step.kept;
@@ -335,10 +336,11 @@ struct Normal<'l> {
     variance: f64,
 }
 
-/// A step that lowers the sum of squares.
+/// A step that lowers the sum of squares and what lies beyond expectation.
 struct Better {
     model: Model,
-    cost: f64,
+    /// By how much.
+    fell: f64,
     residuals: Vec<DVector<f64>>,
     /// Share of the promised fall that came.
     kept: f64,
@@ -358,29 +360,27 @@ fn with_coefficients_first(
     let (g, cost, n) = along_residual(parts);
     let variance = (cost / n.max(1) as f64).max(1e-30);
     let residuals: Vec<DVector<f64>> = parts.iter().map(|part| part.residual.clone()).collect();
-    let model = with_coefficients_following(
-        model,
-        free,
-        &Normal {
-            parts,
-            h,
-            g,
-            cost,
-            variance,
-        },
-        &residuals,
-    );
-    let (after, residuals) = residuals_of(&model, dataset, rows, parts);
-    (after < cost).then_some(Better {
-        model,
-        cost: after,
+    let at = Normal {
+        parts,
+        h,
+        g,
+        cost,
+        variance,
+    };
+    let begun = with_coefficients_following(model, free, &at, &residuals);
+    let (after, residuals) = residuals_of(&begun, dataset, rows, parts);
+    let [of_begun, of_model] = [&begun, model].map(|one| beyond_expected(one, free, variance));
+    let fell = cost + of_model - after - of_begun;
+    (fell > 0.0).then_some(Better {
+        model: begun,
+        fell,
         residuals,
         kept: 1.0,
     })
 }
 
-/// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well
-/// promises are kept.
+/// The least damped step that lowers the sum of squares and what lies beyond expectation, if one is worth
+/// while; damping follows how well promises are kept.
 fn best_step(
     model: &Model,
     dataset: &Dataset,
@@ -391,34 +391,37 @@ fn best_step(
     trials: usize,
     lambda: &mut f64,
 ) -> Option<Better> {
+    let expected = |model: &Model| beyond_expected(model, free, at.variance);
+    let before = at.cost + expected(model);
     for _ in 0..trials {
         let Some(step) = damped_step(model, free, at.h, &at.g, at.variance, *lambda) else {
             *lambda *= DAMPED_MORE;
             continue;
         };
-        let promise = promised(at.h, &at.g, &step);
+        let mut trial = moved(model, free, &step);
+        let promise = promised(at.h, &at.g, &step) + before - at.cost - expected(&trial);
         if promise < worthwhile {
             return None;
         }
-        let mut trial = moved(model, free, &step);
         let (mut cost, mut residuals) = residuals_of(&trial, dataset, rows, at.parts);
-        if cost >= at.cost {
+        if cost + expected(&trial) >= before {
             // The way there may be curved only because the surfaces did not follow.
             trial = with_coefficients_following(&trial, free, at, &residuals);
             (cost, residuals) = residuals_of(&trial, dataset, rows, at.parts);
         }
-        if cost < at.cost {
-            let kept = (at.cost - cost) / promise;
+        let fell = before - cost - expected(&trial);
+        if fell > 0.0 {
+            let kept = fell / promise;
             let change = if kept > 0.75 { 0.1 } else { 1.0 } * if kept < 0.25 { 3.0 } else { 1.0 };
             *lambda = (*lambda * change).max(1e-12);
             return Some(Better {
                 model: trial,
-                cost,
+                fell,
                 residuals,
                 kept,
             });
         }
-        if at.cost - cost > -1e-9 * at.cost {
+        if fell > -1e-9 * before {
             return None; // no longer a matter of the step
         }
         *lambda = (*lambda * DAMPED_MORE).max(1e-7);
@@ -476,10 +479,7 @@ fn residuals_of(
 
 /// Prior standard deviation of a parameter in coordinates.
 pub(super) fn prior_coordinates(parameter: &Parameter) -> f64 {
-    match (parameter.expected, parameter.scale) {
-        (Some(std), Scale::Linear(step)) => std / step,
-        _ => PRIOR_COORDINATES,
-    }
+    parameter.expected_steps.unwrap_or(PRIOR_COORDINATES)
 }
 
 /// Weight of the prior on a coordinate, in the units of the normal equations.
@@ -489,6 +489,15 @@ pub(super) fn prior_weight(model: &Model, index: ParameterIndex, variance: f64) 
         Scale::Linear(_) => variance / prior_coordinates(parameter).powi(2),
         Scale::Logarithmic => 0.0,
     }
+}
+
+/// What the values of a model lie beyond what is expected of them, in the units of the sum of squares.
+fn beyond_expected(model: &Model, free: &[ParameterIndex], variance: f64) -> f64 {
+    let of_value = |index: &ParameterIndex| {
+        let value = &model.effects[index.effect].parameters[index.parameter];
+        prior_weight(model, *index, variance) * value.coordinate().powi(2)
+    };
+    free.iter().map(of_value).sum()
 }
 
 /// One damped step; coordinates that stand at a bound and want to go beyond are left out, and positive values
