@@ -20,6 +20,17 @@ pub const EXPECTED_SHARE: f64 = 0.03;
 /// Share by which that of a term is varied.
 const SHARE_STEP: f64 = 0.01;
 
+/// What speaks against creep whose shares are all zero: it follows no drive, and only lets records begin with
+/// a motion from before.
+pub fn only_from_before(mut shares: impl Iterator<Item = f64>) -> Option<Doubt> {
+    shares.all(|share| share == 0.0).then(|| {
+        Doubt::Unlikely(
+            "its shares of the motion are zero: what it takes is how the records go on from a drive before them"
+                .into(),
+        )
+    })
+}
+
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
     /// Number of terms.
@@ -370,6 +381,11 @@ Behind modes it goes once a period, by the values at the ends of periods.",
                     .collect()
             })
             .collect()
+    }
+
+    fn doubt(&self, _model: &Model, values: &[f64]) -> Option<Doubt> {
+        let (terms, _) = values.as_chunks();
+        only_from_before(terms.iter().map(|[share, _]| *share))
     }
 
     fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {

@@ -88,6 +88,10 @@ It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger o
             .collect()
     }
 
+    fn doubt(&self, _model: &Model, values: &[f64]) -> Option<Doubt> {
+        super::creep::only_from_before(values.iter().take(1).copied())
+    }
+
     fn stage<'a>(&self, from: &Build<'_, 'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(stage_of_terms(&flat(from.values), from.setting.dt_s))
     }

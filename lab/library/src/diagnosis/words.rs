@@ -1,5 +1,6 @@
 //! What was found, in words: the one place where typed results become sentences.
 
+use super::findings::unlikely;
 use super::judgement::Judged;
 use super::path::ModelChange;
 use super::study::Study;
@@ -108,7 +109,7 @@ pub fn why_step(change: &ModelChange, before: Option<&Judged>, after: &Judged) -
                     .effect(id)
                     .map_or_else(String::new, |e| e.effect.declaration().physics)
             };
-            let physics = after.model.ruled_out_because(id).unwrap_or_else(physics);
+            let physics = unlikely(&after.model, id).unwrap_or_else(physics);
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
         ModelChange::AddedUnweighed(ids) => format!(
