@@ -1,0 +1,49 @@
+//! A stepping drive on rigs that differ from its model by 30 % and follow other equations.
+
+use hysteron_research::stick_slip_study::{
+    Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design,
+};
+use hysteron_tests::lugre_rig::RigFactors;
+
+/// What is asked of every move, um.
+const WITHIN_UM: f64 = 0.05;
+
+fn reaches(equations: Equations, nth: usize, target_um: f64) {
+    let design = thesis_design().unwrap();
+    let factors = RigFactors::FIVE[nth];
+    let figures = closed_move(&design, equations, factors, target_um).unwrap();
+    assert!(figures.arrived_s.is_some(), "rig {nth}: {figures:?}");
+    assert!(figures.error_max_um < WITHIN_UM, "rig {nth}: {figures:?}");
+    let open_um = open_loop_error_um(&design, equations, factors, target_um).abs();
+    assert!(open_um > 20.0 * WITHIN_UM, "saw-teeth alone: {open_um} um");
+}
+
+#[test]
+fn a_tenth_of_a_millimetre_is_reached_on_rigs_of_other_equations() {
+    for nth in 0..5 {
+        reaches(Equations::Lugre, nth, 100.0);
+        reaches(Equations::Chapter3, nth, 100.0);
+    }
+}
+
+#[test]
+fn a_velocity_is_kept_on_rigs_of_other_equations() {
+    let design = thesis_design().unwrap();
+    for nth in [1, 4] {
+        let found = followed_um_s(&design, Equations::Lugre, RigFactors::FIVE[nth], 100.0).unwrap();
+        assert!((found - 100.0).abs() < 5.0, "{found} um/s");
+    }
+}
+
+mod long {
+    use super::*;
+
+    #[test]
+    #[ignore = "30 s of processor: cargo xtask full"]
+    fn ten_millimetres_are_reached_on_every_rig() {
+        for nth in 0..5 {
+            reaches(Equations::Lugre, nth, 10_000.0);
+            reaches(Equations::Chapter3, nth, 10_000.0);
+        }
+    }
+}
