@@ -969,6 +969,12 @@ mod tests {
         assert!(verify(&aside, &stepping()).unwrap_err().contains("window"));
     }
 
+    #[test]
+    fn it_takes_little_memory_beside_its_servo() {
+        let own = size_of::<SteppingTick>() - size_of::<ServoTick>();
+        assert!(own < 512, "{own} bytes");
+    }
+
     proptest! {
         /// Whatever an encoder gives and whatever is asked for: every code is within range and slew.
         #[test]

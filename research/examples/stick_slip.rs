@@ -3,10 +3,17 @@
 //!
 //!     cargo run --release -p hysteron-research --example stick_slip
 
+use hysteron::statistics::extremes;
 use hysteron_research::stick_slip_study::{
     Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design,
 };
 use hysteron_tests::lugre_rig::RigFactors;
+
+/// The least and the most of a figure over the rigs.
+fn range(figures: &[f64], digits: usize) -> String {
+    let (least, most) = extremes(figures);
+    format!("{least:.digits$} to {most:.digits$}")
+}
 
 fn main() -> Result<(), String> {
     let design = thesis_design()?;
@@ -22,44 +29,52 @@ fn main() -> Result<(), String> {
         tooth.velocity_um_s()
     );
     println!(
-        "| equations | rig | target, mm | time, s | teeth | mean error, nm | largest error, nm | swing, nm | saw-teeth without feedback, um |"
+        "| equations | target, mm | arrived | time, s | teeth | largest error, nm | swing, nm | saw-teeth without feedback, um |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    let all = || {
-        [Equations::Chapter3, Equations::Lugre]
-            .into_iter()
-            .flat_map(|equations| {
-                (1..)
-                    .zip(RigFactors::FIVE)
-                    .map(move |(nth, f)| (equations, nth, f))
-            })
-    };
-    for (equations, nth, factors) in all() {
+    println!("|---|---|---|---|---|---|---|---|");
+    for equations in [Equations::Chapter3, Equations::Lugre] {
         for target_um in [100.0, 1000.0, 10_000.0] {
-            let figures = closed_move(&design, equations, factors, target_um)?;
-            let time = match (figures.arrived_s, figures.fault) {
-                (Some(time_s), None) => format!("{time_s:.2}"),
-                (_, fault) => fault.unwrap_or("not arrived").to_owned(),
-            };
+            let mut columns: [Vec<f64>; 5] = Default::default();
+            let mut arrived = 0;
+            for factors in RigFactors::FIVE {
+                let figures = closed_move(&design, equations, factors, target_um)?;
+                arrived += usize::from(figures.arrived_s.is_some() && figures.fault.is_none());
+                let row = [
+                    figures.arrived_s.unwrap_or(f64::INFINITY),
+                    f64::from(figures.teeth),
+                    1e3 * figures.error_max_um,
+                    1e3 * figures.swing_um,
+                    open_loop_error_um(&design, equations, factors, target_um),
+                ];
+                columns
+                    .iter_mut()
+                    .zip(row)
+                    .for_each(|(column, figure)| column.push(figure));
+            }
+            let [time, teeth, error, swing, open] = &columns;
             println!(
-                "| {} | {nth} | {} | {time} | {} | {:.1} | {:.1} | {:.1} | {:.1} |",
+                "| {} | {} | {arrived} of 5 | {} | {} | {} | {} | {} |",
                 equations.name(),
                 1e-3 * target_um,
-                figures.teeth,
-                1e3 * figures.error_um,
-                1e3 * figures.error_max_um,
-                1e3 * figures.swing_um,
-                open_loop_error_um(&design, equations, factors, target_um)
+                range(time, 2),
+                range(teeth, 0),
+                range(error, 1),
+                range(swing, 1),
+                range(open, 1)
             );
         }
     }
-    println!("\n| equations | rig | asked for, um/s | average velocity, um/s |\n|---|---|---|---|");
-    for (equations, nth, factors) in all() {
+    println!("\n| equations | asked for, um/s | average velocity, um/s |\n|---|---|---|");
+    for equations in [Equations::Chapter3, Equations::Lugre] {
         for velocity_um_s in [100.0, -400.0] {
-            let found = followed_um_s(&design, equations, factors, velocity_um_s)?;
+            let found: Result<Vec<f64>, String> = RigFactors::FIVE
+                .into_iter()
+                .map(|factors| followed_um_s(&design, equations, factors, velocity_um_s))
+                .collect();
             println!(
-                "| {} | {nth} | {velocity_um_s:.0} | {found:.1} |",
-                equations.name()
+                "| {} | {velocity_um_s:.0} | {} |",
+                equations.name(),
+                range(&found?, 1)
             );
         }
     }

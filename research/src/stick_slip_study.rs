@@ -128,7 +128,10 @@ pub fn open_loop_error_um(
     plant.displacement_um() - target_um
 }
 
-/// Average velocity under a velocity that is asked for, over the last three quarters of a second, um/s.
+/// Time over which a velocity is averaged behind its first second, s: many teeth at every velocity.
+const AVERAGED_S: f64 = 4.0;
+
+/// Average velocity under a velocity that is asked for, um/s.
 ///
 /// # Errors
 /// As [`closed`]; the velocity is refused.
@@ -139,8 +142,11 @@ pub fn followed_um_s(
     velocity_um_s: f64,
 ) -> Result<f64, String> {
     let position_um = closed(design, equations, factors, 12)?
-        .follow(velocity_um_s, 1.0)
+        .follow(velocity_um_s, 1.0 + AVERAGED_S)
         .map_err(|refusal| format!("{refusal:?}"))?;
-    let (last, from) = (position_um.len() - 1, position_um.len() / 4);
+    let (last, from) = (
+        position_um.len() - 1,
+        (1.0 / design.order.period_s) as usize,
+    );
     Ok((position_um[last] - position_um[from]) / ((last - from) as f64 * design.order.period_s))
 }

@@ -170,8 +170,9 @@ mod tests {
         let (up_um, platform_um) = (rig.displacement_um(), rig.platform[0]);
         assert!((up_um - platform_um).abs() < 0.1, "{up_um} {platform_um}");
         (0..400).for_each(|_| rig.advance(0.0, 0.0));
+        // The platform falls within 3 ms, in which 0.043 N bring 0.0635 kg by 3 um.
         let back_um = up_um - rig.displacement_um();
-        assert!(back_um < 0.3 * up_um, "{back_um} of {up_um}");
+        assert!((2.0..4.0).contains(&back_um), "{back_um} of {up_um}");
     }
 
     #[test]

@@ -7,10 +7,14 @@
 //!
 //! In fine motion the slider sticks, and its contact passes on the platform's motion up to its own frequency.
 //! So the law is that of the platform: its hysteresis inverted, its mode in the observer, and all else an
-//! unknown input ([`ServoDesign::best`]).
+//! unknown input. The contact is known badly, and softens as the bristles begin to slide: a tuning is taken
+//! only if its loop keeps its sensitivity on every contact of [`contacts`], which the observer does not carry.
 
-use super::design::ServoDesign;
-use super::model::{ActuatorModel, LinearModel, ModeModel};
+use super::design::{Scheme, ServoDesign};
+use super::law::PredictorDesign;
+use super::model::{ActuatorModel, LinearModel, ModeModel, SampledModel};
+use super::predictor::tune;
+use super::sampled_loop::{FrequencyGrid, SampledLoop};
 use super::tuning::Demands;
 use hysteron_core::codes::{DriveCode, EncoderCount};
 use hysteron_core::guard::GuardParameters;
@@ -19,7 +23,9 @@ use hysteron_core::signal::Travel;
 use hysteron_core::stepping::{FLANK_FRACTION_BITS, SteppingParameters, SteppingTick};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::linear_system::ContinuousSystem;
 use hysteron_sim::stick_slip::{StickSlipActuator, StickSlipPlant};
+use nalgebra::{DMatrix, DVector};
 
 /// Times of a whole slow flank that are tried, s.
 pub const RATES_S: [f64; 8] = [0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024];
@@ -54,6 +60,8 @@ pub struct SteppingOrder {
     pub travel_um: [f64; 2],
     /// Error at which the slider counts as arrived, um.
     pub tolerance_um: f64,
+    /// Share by which friction, mass and gain may differ from the model's.
+    pub spread: f64,
 }
 
 impl Default for SteppingOrder {
@@ -65,6 +73,7 @@ impl Default for SteppingOrder {
             slew_v_s: 1e5,
             travel_um: [-12_000.0, 12_000.0],
             tolerance_um: 0.02,
+            spread: 0.3,
         }
     }
 }
@@ -149,21 +158,18 @@ impl SteppingDesign {
             .max_by(|a, b| a.velocity_um_s().total_cmp(&b.velocity_um_s()))
             .filter(|tooth| tooth.step_um > 0.0)
             .ok_or("the model of the rig does not step at any rate; check its friction")?;
-        let model = fine_model(rig, order.period_s);
         let stroke_um = {
             let force_um = rig.force_equivalent_um(&ends_v);
             force_um[1] - force_um[0]
         };
-        let fine = ServoDesign::best(
-            &model,
-            &Demands {
-                reference_hz: FINE_HZ,
-                model_error_um: UNKNOWN_SHARE * stroke_um,
-                sensor_noise_um: order.noise_um,
-                ..Demands::default()
-            },
-        )
-        .ok_or("no law of fine motion keeps its margins on the model of the rig")?;
+        let demands = Demands {
+            reference_hz: FINE_HZ,
+            model_error_um: UNKNOWN_SHARE * stroke_um,
+            sensor_noise_um: order.noise_um,
+            ..Demands::default()
+        };
+        let fine = fine_law(rig, order, &demands)
+            .ok_or("no law of fine motion keeps its margins on all contacts of the rig")?;
         let middle = f64::from(1u32 << (WINDOW_BITS - 1));
         let scale = ConverterScale {
             adc_zero_um: -middle * order.encoder_um,
@@ -291,6 +297,89 @@ fn step_um(rig: &StickSlipActuator, tooth: &Tooth, period_s: f64) -> f64 {
     (at(TEETH) - at(TEETH / 3)) / (TEETH - TEETH / 3) as f64
 }
 
+/// Factors by which the noise of the sensor is exaggerated to find calmer tunings.
+const CALMER: [f64; 5] = [1.0, 3.0, 10.0, 30.0, 100.0];
+/// Stiffness and damping that bristles have left where they begin to slide, over those at rest.
+const SOFTENED: f64 = 0.3;
+
+/// The tuning with the smallest expected error that holds on every contact.
+fn fine_law(
+    rig: &StickSlipActuator,
+    order: &SteppingOrder,
+    demands: &Demands,
+) -> Option<ServoDesign> {
+    let model = fine_model(rig, order.period_s);
+    let contacts = contacts(rig, order);
+    let grid = FrequencyGrid::about_modes(&model.linear);
+    let gains = [1.0 - order.spread, 1.0, 1.0 + order.spread];
+    let holds = |law: &PredictorDesign| {
+        contacts.iter().all(|plant| {
+            gains.iter().all(|gain| {
+                let closed = SampledLoop::new(law, plant).with_gain(*gain);
+                closed.is_stable()
+                    && closed.response(&grid).sensitivity_peak().0 <= demands.sensitivity_peak
+            })
+        })
+    };
+    let tuning = CALMER.iter().find_map(|noise| {
+        let calmer = Demands {
+            sensor_noise_um: noise * demands.sensor_noise_um,
+            ..*demands
+        };
+        let accepted = tune(&model.linear, &calmer)
+            .into_iter()
+            .filter(|a| a.accepted);
+        let mut tunings = accepted.map(|assessment| assessment.tuning);
+        tunings.find(|tuning| holds(&PredictorDesign::new(&model.linear, tuning)))
+    })?;
+    let scheme = Scheme::Predictor {
+        tuning,
+        hysteresis_inverse: true,
+    };
+    Some(ServoDesign {
+        noise_shaping: true,
+        ..ServoDesign::new(scheme, &model, true)
+    })
+}
+
+/// Platform and sticking slider: contacts that are softer, stiffer or begin to slide, sliders that are lighter
+/// or heavier.
+fn contacts(rig: &StickSlipActuator, order: &SteppingOrder) -> Vec<SampledModel> {
+    let (less, more) = (1.0 - order.spread, 1.0 + order.spread);
+    let springs = [[less, 1.0], [more, 1.0], [SOFTENED * less, SOFTENED]];
+    let pairs = springs
+        .iter()
+        .flat_map(|spring| [less, more].map(|mass| (*spring, mass)));
+    pairs
+        .map(|([stiffness, damping], mass)| {
+            let omega = rig.natural_frequency_rad_s;
+            let mass = mass * rig.end_effector_mass_kg * 1e-6;
+            let k = stiffness * rig.friction.stiffness_n_um / mass / omega;
+            let c = damping * rig.friction.damping_n_s_um / mass;
+            // Displacements of platform and slider, each with its velocity over `omega`.
+            let a = [
+                [0.0, omega, 0.0, 0.0],
+                [-omega, -2.0 * rig.damping_ratio * omega, 0.0, 0.0],
+                [0.0, 0.0, 0.0, omega],
+                [k, c, -k, -c],
+            ];
+            let (a, b) = ContinuousSystem {
+                a: DMatrix::from_fn(4, 4, |row, column| a[row][column]),
+                b: DVector::from_row_slice(&[0.0, omega, 0.0, 0.0]),
+                c: DVector::zeros(4),
+                d: 0.0,
+            }
+            .held_matrices(order.period_s);
+            SampledModel {
+                a,
+                b,
+                c: DVector::from_row_slice(&[0.0, 0.0, 1.0, 0.0]),
+                period_s: order.period_s,
+            }
+        })
+        .collect()
+}
+
 /// What fine motion is designed for: the platform alone.
 fn fine_model(rig: &StickSlipActuator, period_s: f64) -> ActuatorModel {
     ActuatorModel {
@@ -327,7 +416,7 @@ mod tests {
             design.tooth,
             design.tooth.velocity_um_s()
         );
-        println!("{:#?}", design.fine.explanation);
+        println!("{:?}", design.fine.scheme);
         let period_s = design.order.period_s;
         let mut closed = SteppingLoop::new(
             StickSlipPlant::at_rest(rig, period_s),
