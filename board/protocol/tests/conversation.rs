@@ -61,7 +61,7 @@ impl Rig {
             self.latest = self
                 .amplifier
                 .tick(self.sensor_is_there.then_some(code), false);
-            let c = self.amplifier.parameters().servo.converters;
+            let c = self.amplifier.servo().parameters().converters;
             let error = self.latest.reference - c.position(code);
             if self.amplifier.mode() == Mode::Closed {
                 self.telemetry
@@ -95,7 +95,7 @@ impl Device for Shared {
             dac_code: rig.latest.dac_code,
             monitor_code: rig.monitor_code,
             reference: rig.latest.reference,
-            adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
+            adc_zero: rig.amplifier.servo().parameters().converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),
             powered: rig.amplifier.powered(),
