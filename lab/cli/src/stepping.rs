@@ -93,15 +93,9 @@ fn contact(
         .map_err(|m| Error::new(&tape.source, m))?;
     println!(
         "  contact: Coulomb force {}, stiffness {}, damping {}, break-away ratio {}; it leaves {:.2} nm",
-        figure(found.coulomb_force_n, "N"),
+        figure(found.coulomb_force_n.times(1e3), "mN"),
         figure(found.stiffness_n_um, "N/um"),
-        figure(
-            Measured {
-                value: 1e3 * found.damping_n_s_um.value,
-                std: 1e3 * found.damping_n_s_um.std
-            },
-            "N s/mm"
-        ),
+        figure(found.damping_n_s_um.times(1e3), "N s/mm"),
         figure(found.breakaway_ratio, "").trim_end(),
         1e3 * found.residual_um
     );

@@ -55,7 +55,9 @@ impl Measured {
         }
     }
 
-    fn times(self, factor: f64) -> Self {
+    /// The figure in another unit.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
         Self {
             value: self.value * factor,
             std: self.std * factor.abs(),
