@@ -431,10 +431,16 @@ fn who_is_there() {
 fn a_target_without_room_for_an_update_says_so() {
     let mut table = Table::new();
     assert_eq!(table.ask("UPD?"), "STATE=UNSUPPORTED\n");
-    for line in ["UPD BEGIN 4096", "UPD DATA 0 00ff", "UPD COMMIT 0x12345678"] {
+    for line in [
+        "UPD BEGIN 4096",
+        "UPD DATA 0 00ff",
+        "UPD COMMIT 000102030405060708090a0b0c0d0e0f",
+    ] {
         table.tell(line, 4002);
     }
-    table.tell("UPD DATA 0 xyz", 1);
+    for line in ["UPD DATA 0 xyz", "UPD COMMIT 0x12345678", "UPD COMMIT 0001"] {
+        table.tell(line, 1);
+    }
 }
 
 #[test]
