@@ -3,12 +3,7 @@
 
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::ImageHeader;
-use hysteron_protocol::device::{UpdateRefusal, UpdateState};
-
-/// There is no update.
-pub fn state() -> UpdateState {
-    UpdateState::Unsupported
-}
+use hysteron_protocol::device::UpdateRefusal;
 
 /// An image of this board has no header that anybody reads.
 pub fn running() -> Option<ImageHeader> {
@@ -20,23 +15,8 @@ pub fn load() -> bool {
     false
 }
 
-/// No image is on trial.
-pub fn is_on_trial() -> bool {
-    false
-}
-
 /// Nothing is kept of it.
 pub fn healthy() {}
-
-/// Nothing is written.
-pub fn is_busy() -> bool {
-    false
-}
-
-/// Never.
-pub fn is_under_way() -> bool {
-    false
-}
 
 /// Refuses.
 pub fn begin(_: u32) -> Result<(), UpdateRefusal> {

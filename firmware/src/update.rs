@@ -10,11 +10,9 @@
 //! An image that runs for the first time marks itself healthy after a second ([`healthy`]); until then every
 //! restart puts the previous image back.
 
-use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_futures::yield_now;
-use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
 use hysteron_core::checksum::Crc32;
@@ -23,10 +21,12 @@ use hysteron_core::firmware_update::{
     H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress, Request, WORD_BYTES,
     Word, journal,
 };
+use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::{UpdateRefusal, UpdateState};
 
-use crate::board::{SAMPLE_RATE_HZ, flash};
-use crate::{control, flash_read, settings};
+use crate::board::{Board, SAMPLE_RATE_HZ, flash};
+use crate::update_state::{is_busy, is_on_trial, set, state};
+use crate::{control, settings};
 
 /// The board, as an image names it.
 const BOARD: &str = "NUCLEO-H743ZI2";
@@ -39,14 +39,10 @@ const FRONT_END: &str = if cfg!(feature = "on-chip-converters") {
 /// Words between two turns of other tasks while a checksum is computed.
 const WORDS_AT_ONCE: usize = 32;
 
-/// What the image says of itself.
-#[used]
-#[unsafe(link_section = ".image_header")]
-static HEADER: ImageHeader =
+/// What an image says of itself.
+pub const HEADER: ImageHeader =
     ImageHeader::new(BOARD, FRONT_END, env!("CARGO_PKG_VERSION"), SAMPLE_RATE_HZ);
 
-static STATE: ThreadModeMutex<Cell<UpdateState>> =
-    ThreadModeMutex::new(Cell::new(UpdateState::Nothing));
 /// Bytes of the image that is coming, and of what of it stands in flash.
 static LENGTH: AtomicU32 = AtomicU32::new(0);
 static STORED: AtomicU32 = AtomicU32::new(0);
@@ -65,26 +61,19 @@ enum Wanted {
     Mark(Mark),
 }
 
-/// How far an update is.
-pub fn state() -> UpdateState {
-    STATE.lock(Cell::get)
-}
-
-fn set(state: UpdateState) {
-    STATE.lock(|place| place.set(state));
-}
-
 /// A word of the flash, if it can be read.
 #[inline(never)]
 fn word(address: u32) -> Option<Word> {
     let mut word = [0; WORD_BYTES];
-    flash_read::copy(address, &mut word).ok().map(|()| word)
+    flash_read::copy::<Board>(address, &mut word)
+        .ok()
+        .map(|()| word)
 }
 
 /// What the image at an address says of itself, and its length.
 fn header(image: u32) -> Option<(u32, ImageHeader)> {
     let mut bytes = [0; HEADER_BYTES];
-    flash_read::copy(image + HEADER_OFFSET, &mut bytes).ok()?;
+    flash_read::copy::<Board>(image + HEADER_OFFSET, &mut bytes).ok()?;
     ImageHeader::read(&bytes)
 }
 
@@ -124,25 +113,9 @@ pub fn load() -> bool {
     state == UpdateState::RolledBack && !reported
 }
 
-/// Whether this image has not been healthy for a second yet.
-pub fn is_on_trial() -> bool {
-    state() == UpdateState::Trial
-}
-
 /// This image has been healthy for a second.
 pub fn healthy() {
     WANTED.signal(Wanted::Mark(Mark::Healthy));
-}
-
-/// Whether a restart would cut off what is being written.
-pub fn is_busy() -> bool {
-    matches!(state(), UpdateState::Erasing | UpdateState::Verifying)
-}
-
-/// Whether an image is coming or on trial: nothing else is written meanwhile, so that the one which a start
-/// installs and what was kept for it belong together.
-pub fn is_under_way() -> bool {
-    is_busy() || is_on_trial() || matches!(state(), UpdateState::Receiving { .. })
 }
 
 /// The flash is idle, and nobody uses the amplifier.
