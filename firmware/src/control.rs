@@ -594,7 +594,7 @@ pub fn on_interrupt() {
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
         reference: sample.reference,
-        adc_zero: amplifier.parameters().servo.converters.adc_zero,
+        adc_zero: amplifier.servo().parameters().converters.adc_zero,
         zeroed: amplifier.zeroed(),
         conditioned: amplifier.conditioned(),
         conditioning_required: amplifier.conditioning_required(),

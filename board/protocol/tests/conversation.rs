@@ -61,7 +61,7 @@ impl Rig {
             self.latest = self
                 .amplifier
                 .tick(self.sensor_is_there.then_some(code), false);
-            let c = self.amplifier.parameters().servo.converters;
+            let c = self.amplifier.servo().parameters().converters;
             let error = self.latest.reference - c.position(code);
             if self.amplifier.mode() == Mode::Closed {
                 self.telemetry
@@ -95,7 +95,7 @@ impl Device for Shared {
             dac_code: rig.latest.dac_code,
             monitor_code: rig.monitor_code,
             reference: rig.latest.reference,
-            adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
+            adc_zero: rig.amplifier.servo().parameters().converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),
             powered: rig.amplifier.powered(),
@@ -431,10 +431,16 @@ fn who_is_there() {
 fn a_target_without_room_for_an_update_says_so() {
     let mut table = Table::new();
     assert_eq!(table.ask("UPD?"), "STATE=UNSUPPORTED\n");
-    for line in ["UPD BEGIN 4096", "UPD DATA 0 00ff", "UPD COMMIT 0x12345678"] {
+    for line in [
+        "UPD BEGIN 4096",
+        "UPD DATA 0 00ff",
+        "UPD COMMIT 000102030405060708090a0b0c0d0e0f",
+    ] {
         table.tell(line, 4002);
     }
-    table.tell("UPD DATA 0 xyz", 1);
+    for line in ["UPD DATA 0 xyz", "UPD COMMIT 0x12345678", "UPD COMMIT 0001"] {
+        table.tell(line, 1);
+    }
 }
 
 #[test]
