@@ -2,7 +2,7 @@
 //! no boot stage. Flash it over the debug probe.
 
 use hysteron_core::command_text::BlockPiece;
-use hysteron_core::firmware_update::ImageHeader;
+use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
 use hysteron_protocol::device::UpdateRefusal;
 
 /// An image of this board has no header that anybody reads.
@@ -29,7 +29,7 @@ pub fn take(_: &BlockPiece) -> Result<bool, UpdateRefusal> {
 }
 
 /// Refuses.
-pub fn commit(_: u32) -> Result<bool, UpdateRefusal> {
+pub fn commit(_: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
     Err(UpdateRefusal::Unsupported)
 }
 

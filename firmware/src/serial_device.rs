@@ -4,7 +4,7 @@ use core::sync::atomic::AtomicI32;
 
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::filter_design::FilterSetting;
-use hysteron_core::firmware_update::ImageHeader;
+use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
@@ -146,8 +146,8 @@ impl Device for Target {
         update::take(piece)
     }
 
-    fn commit_update(&mut self, checksum: u32) -> Result<bool, UpdateRefusal> {
-        update::commit(checksum)
+    fn commit_update(&mut self, code: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
+        update::commit(code)
     }
 
     fn take_sensor_filter(&mut self, filter: &FilterSetting) -> Result<(), &'static str> {

@@ -226,6 +226,7 @@ fn identified(name: &str, hold_before_sample: bool, intersample: Intersample) ->
         state: InitialState::Unknown,
         offset_is_fitted: true,
         offset_um: 0.7,
+        at_rest: None,
         motions: vec![
             (motion(20.0, 0.0), [0.3, 0.0]),
             (motion(100.0, 900.0), [0.1, -0.2]),
