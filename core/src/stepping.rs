@@ -183,8 +183,10 @@ impl Flank {
         if self.tick >= self.ticks {
             return self.aim;
         }
-        // The division is by at least one, and its result below one.
-        let p = (self.tick << FLANK_FRACTION_BITS) / self.ticks;
+        // By at least one, which the compiler does not know; the result is below one.
+        let p = (self.tick << FLANK_FRACTION_BITS)
+            .checked_div(self.ticks)
+            .unwrap_or(0);
         let bow = (p * ((1 << FLANK_FRACTION_BITS) - p)) >> FLANK_FRACTION_BITS;
         let share = p - ((self.curvature * bow) >> FLANK_FRACTION_BITS);
         let gone =
