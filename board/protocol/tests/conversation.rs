@@ -1127,6 +1127,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     );
     let envelope = SafetyEnvelope {
         name: [0; 16],
+        stage: *b"117042917\0\0\0\0\0\0\0",
         dac_bits: 20,
         sensor_is_signed: false,
         reference_span_mv: 14_000,
@@ -1168,6 +1169,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     let said = table.ask("ENV?");
     assert!(
         said.contains(&format!("CHECKSUM={checksum:#010x}"))
+            && said.contains("STAGE=117042917")
             && said.contains("DRIVE=0.000 20.000 V"),
         "{said}"
     );

@@ -145,6 +145,8 @@ enum Command {
         /// Data set: drive of the piezo, position of the slider
         dataset: PathBuf,
         #[command(flatten)]
+        rig: stepping::RigArguments,
+        #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
         outputs: Outputs,
@@ -574,7 +576,7 @@ fn dispatch(command: Command) -> Result<bool> {
             let wanted = simulate::SimulateRequest { model: &model, drive: &drive, initial: initial.as_deref(), rate_hz };
             simulate::simulate(&wanted, &reading, &out, force)
         }
-        Command::Stepping { dataset, reading, outputs } => stepping::stepping(&dataset, &reading, &outputs),
+        Command::Stepping { dataset, rig, reading, outputs } => stepping::stepping(&dataset, &rig, &reading, &outputs),
         Command::Export { model, language, rate_hz, initial, inverse, out, force, reading } => {
             let wanted = export::ExportRequest { model: &model, language: &language, rate_hz, initial: initial.as_deref(), inverse };
             export::export(&wanted, &reading, out.as_deref(), force)

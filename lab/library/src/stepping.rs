@@ -55,7 +55,9 @@ impl Measured {
         }
     }
 
-    fn times(self, factor: f64) -> Self {
+    /// The figure in another unit.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
         Self {
             value: self.value * factor,
             std: self.std * factor.abs(),
@@ -157,7 +159,7 @@ pub fn measure(dataset: &Dataset) -> Result<SteppingMeasure> {
     let noise_um = noise(&tapes);
     let trains: Vec<SteppingTrain> = tapes
         .iter()
-        .flat_map(|tape| trains_of(tape, noise_um.unwrap_or(0.0)))
+        .flat_map(|tape| trains(tape, noise_um.unwrap_or(0.0)))
         .collect();
     if trains.is_empty() {
         return Err(Error::new(
@@ -283,7 +285,9 @@ fn equal_in_a_row(teeth: &[Tooth]) -> Vec<&[Tooth]> {
         .collect()
 }
 
-fn trains_of(tape: &Record, noise_um: f64) -> Vec<SteppingTrain> {
+/// The trains of one record, whose sensor has this noise.
+#[must_use]
+pub fn trains(tape: &Record, noise_um: f64) -> Vec<SteppingTrain> {
     let all = teeth(&tape.drive_v);
     let rests = rests(&tape.drive_v);
     equal_in_a_row(&all)
