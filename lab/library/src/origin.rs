@@ -13,6 +13,7 @@ use crate::prediction::{BAND_95, Prediction, calibrated, constant_moves_um, pred
 use crate::replay::{files, whole};
 use crate::statistics::extremes;
 use hysteron_sim::chain::{Drive, Identified, InitialState, Model};
+use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::physics::{OffsetAtRest, RecordStart, Recorded};
 use std::path::Path;
@@ -370,7 +371,7 @@ impl Initial {
         match (self, first) {
             (Self::State(state), _) => (RecordStart::resting(*state, 0.0), 0.0),
             (Self::As(start), _) => (start.clone(), f64::MAX),
-            (Self::AsRecorded, Some(start)) => (start.clone(), near_v(model)),
+            (Self::AsRecorded, Some(start)) => (near_or_at_rest(start), near_v(model)),
             (Self::AsRecorded, None) => (RecordStart::resting(InitialState::Virgin, 0.0), 0.0),
         }
     }
@@ -401,6 +402,22 @@ impl Initial {
             ),
         }
     }
+}
+
+/// A start whose constant is that at rest: what the record has beside it is a motion that stands still, which
+/// like all motions is there for drives that begin as the record does.
+fn near_or_at_rest(start: &RecordStart) -> RecordStart {
+    let mut out = start.clone();
+    if let Some(at_rest) = &start.at_rest {
+        let stands = FreeMotion {
+            decay_per_s: 0.0,
+            frequency_rad_s: 0.0,
+        };
+        out.motions
+            .push((stands, [start.offset_um - at_rest.offset_um, 0.0]));
+        out.offset_um = at_rest.offset_um;
+    }
+    out
 }
 
 /// The start of a record with nothing moving, for a drive that begins elsewhere.

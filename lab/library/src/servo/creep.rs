@@ -170,6 +170,9 @@ pub fn of_chain(chain: &Model) -> (Vec<CreepTerm>, Option<CreepPair>) {
 /// No more terms than the tick has: of linear terms those next to each other become one, of both shares and at
 /// their weighted time constant, that of which the others notice least.
 fn for_the_tick(mut terms: Vec<CreepTerm>) -> Vec<CreepTerm> {
+    if terms.len() <= CREEP_TERMS {
+        return terms;
+    }
     terms.retain(|term| term.share != 0.0);
     terms.sort_by(|a, b| a.time_constant_s.total_cmp(&b.time_constant_s));
     let (mut linear, operators): (Vec<CreepTerm>, Vec<CreepTerm>) =
