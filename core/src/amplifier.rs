@@ -53,6 +53,7 @@ use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::reference_window::PREVIEW_TICKS;
 use crate::self_test::{Extremes, Motion, SelfTest, has_model};
+use crate::servo_parameters::ConverterParameters;
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow};
@@ -416,11 +417,12 @@ impl Amplifier {
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
         // A fault is reported before limits.
         if self.mode != Mode::Fault {
-            command_limits::check(&command, &self.parameters)?;
+            command_limits::check(&command, &self.parameters, self.converters())?;
         }
         if let (Command::Enable, Some((waveform, offset))) = (command, self.reference) {
             // Against the zero that is in force now.
-            command_limits::check(&Command::Reference { waveform, offset }, &self.parameters)?;
+            let reference = Command::Reference { waveform, offset };
+            command_limits::check(&reference, &self.parameters, self.converters())?;
         }
         self.obey(command)
     }
@@ -558,9 +560,7 @@ impl Amplifier {
                 "a learned correction is played that the block would not go on with: a reference without a period first",
             );
         }
-        let zero = self.parameters.servo.converters.adc_zero;
         self.parameters = *parameters;
-        self.parameters.servo.converters.adc_zero = zero;
         self.servo.exchange(&self.parameters.servo);
         self.guard.watch_with(self.parameters.guard);
         self.swing.watch_with(&self.parameters);
@@ -634,12 +634,17 @@ impl Amplifier {
     /// Where the stage stands, within what the sensor can honestly give.
     fn standing(&self) -> Micrometres {
         let (lowest, highest) =
-            command_limits::positions(&self.parameters.servo.converters, &self.parameters.guard);
+            command_limits::positions(self.converters(), &self.parameters.guard);
         let here = self
             .guard
             .last_code()
-            .map_or(0, |code| self.parameters.servo.converters.position(code));
+            .map_or(0, |code| self.converters().position(code));
         Micrometres::from_bits(here).max(lowest).min(highest)
+    }
+
+    /// The converters, with the sensor's zero that is in force.
+    fn converters(&self) -> &ConverterParameters {
+        &self.servo.parameters().converters
     }
 
     fn begin_playing(&mut self, ticks: u32, rest_after_ticks: u32) {
@@ -770,10 +775,10 @@ impl Amplifier {
             self.refuse(fault);
             return;
         }
-        let c = &mut self.parameters.servo.converters;
         // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
-        c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
-        self.servo.zero_sensor(c.adc_zero);
+        let adc_step = self.parameters.servo.converters.adc_step;
+        self.servo
+            .zero_sensor(-narrow((self.zero_sum * adc_step) >> 26));
         self.servo.reset_counters();
         self.zeroed = true;
         self.conditioned = true;
@@ -919,7 +924,7 @@ impl Amplifier {
         &self.servo
     }
 
-    /// The parameters in use, with the sensor's zero as found.
+    /// The block in force. The sensor's zero as it was found is the servo's.
     #[must_use]
     pub fn parameters(&self) -> &AmplifierParameters {
         &self.parameters
@@ -1053,6 +1058,29 @@ mod tests {
             run(&mut amplifier, 8000).0,
             amplifier.parameters().guard.rest_code
         );
+    }
+
+    #[test]
+    fn the_zero_that_a_conditioning_finds_is_the_servos_and_outlives_a_swap() {
+        let block = example();
+        let mut amplifier = armed(block);
+        let mut code = block.guard.rest_code;
+        let condition = Command::Condition {
+            cycle_ticks: 2000,
+            rest_ticks: 2000,
+        };
+        assert_eq!(amplifier.command(condition), Ok(()));
+        for tick in 0..4500 {
+            code = amplifier.tick(Some(reading(code, tick)), false).dac_code;
+        }
+        let zero = |amplifier: &Amplifier| amplifier.servo().parameters().converters.adc_zero;
+        let found = zero(&amplifier);
+        assert!(amplifier.zeroed() && found != block.servo.converters.adc_zero);
+        assert_eq!(amplifier.parameters(), &block);
+        let mut other = block;
+        other.servo.converters.adc_zero += 1000;
+        assert_eq!(amplifier.swap(&other), Ok(()));
+        assert_eq!((zero(&amplifier), amplifier.parameters()), (found, &other));
     }
 
     #[test]

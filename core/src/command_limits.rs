@@ -71,17 +71,19 @@ pub fn is_within<Q: Quantity>(
         && offset + above <= i64::from(highest.bits()) + ROUNDING
 }
 
-/// Looks at a command before it acts.
+/// Looks at a command before it acts, with the converters as they are zeroed now.
 ///
 /// # Errors
 /// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
-pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
+pub fn check(
+    command: &Command,
+    parameters: &AmplifierParameters,
+    converters: &ConverterParameters,
+) -> Result<(), Refusal> {
     let within = match command {
-        Command::Reference { waveform, offset } => is_within(
-            waveform,
-            *offset,
-            positions(&parameters.servo.converters, &parameters.guard),
-        ),
+        Command::Reference { waveform, offset } => {
+            is_within(waveform, *offset, positions(converters, &parameters.guard))
+        }
         Command::Play {
             waveform, offset, ..
         } => is_within(waveform, *offset, drives(parameters)),
@@ -116,7 +118,7 @@ mod tests {
         let Ok(Line::Control(None, command)) = parse(text, 20_000) else {
             panic!("{text}")
         };
-        check(&command, &parameters).is_ok()
+        check(&command, &parameters, &parameters.servo.converters).is_ok()
     }
 
     #[test]

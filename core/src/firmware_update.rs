@@ -11,10 +11,14 @@
 //! at any instant costs time and nothing else. A word whose writing was cut off cannot be read; as a mark it
 //! counts as set, because a mark is written when its step has been done, and as a request it counts as none.
 //!
-//! Nothing is done without a checksum: the request names that of the incoming image, and the boot stage
-//! computes it again before it erases anything.
+//! Nothing is done without an authentication code: the request has that of the incoming image under the
+//! board's [`UpdateKey`], and the boot stage computes it again before it erases anything.
 
-use crate::checksum::Crc32;
+use core::hash::Hasher;
+
+use siphasher::sip128::{Hasher128, SipHasher24};
+
+use crate::checksum::crc32;
 
 /// What a flash programs at once, bytes.
 pub const WORD_BYTES: usize = 32;
@@ -43,6 +47,8 @@ pub struct Places {
     pub sector_bytes: u32,
     /// Request and marks.
     pub journal: u32,
+    /// The word that holds the key, in the boot stage's sector.
+    pub key: u32,
 }
 
 /// Those of the STM32H743ZI (RM0433, 4.3.4): the boot stage has the first sector of bank 1, the running and the
@@ -54,7 +60,68 @@ pub const H743ZI: Places = Places {
     image_bytes: 3 * 128 * 1024,
     sector_bytes: 128 * 1024,
     journal: 0x081A_0000,
+    key: 0x0801_FFE0,
 };
+
+/// Bytes of a key, and of an authentication code.
+pub const KEY_BYTES: usize = 16;
+/// SipHash-2-4 of an image, 128 bits.
+pub type AuthenticationCode = [u8; KEY_BYTES];
+
+/// The key under which a board takes images: what whoever signs an image shares with the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UpdateKey([u8; KEY_BYTES]);
+
+impl UpdateKey {
+    /// Of these bytes.
+    #[must_use]
+    pub const fn new(bytes: [u8; KEY_BYTES]) -> Self {
+        Self(bytes)
+    }
+
+    /// As it stands in the flash: the key, then its complement, so that neither erased nor damaged flash is
+    /// one.
+    #[must_use]
+    pub fn word(&self) -> Word {
+        let mut word = MARKED;
+        let (key, complement) = word.split_at_mut(KEY_BYTES);
+        key.copy_from_slice(&self.0);
+        for (to, byte) in complement.iter_mut().zip(self.0) {
+            *to = !byte;
+        }
+        word
+    }
+
+    /// Reads it; `None` where nobody has set one.
+    #[must_use]
+    pub fn read(word: Option<Word>) -> Option<Self> {
+        let word = word?;
+        let key = Self(*word.first_chunk()?);
+        (key.word() == word).then_some(key)
+    }
+
+    /// The code of an image whose words follow.
+    #[must_use]
+    pub fn authenticate(&self) -> Authentication {
+        Authentication(SipHasher24::new_with_key(&self.0))
+    }
+}
+
+/// The authentication code of words that are given one after the other.
+pub struct Authentication(SipHasher24);
+
+impl Authentication {
+    /// Takes the next word.
+    pub fn update(&mut self, word: &Word) {
+        self.0.write(word);
+    }
+
+    /// The code of what was given so far.
+    #[must_use]
+    pub fn code(&self) -> AuthenticationCode {
+        self.0.finish128().as_bytes()
+    }
+}
 
 /// A flash as the boot stage has it. Every function waits until it is done.
 pub trait UpdateFlash {
@@ -71,8 +138,8 @@ pub trait UpdateFlash {
 pub struct Request {
     /// Its length, whole words.
     pub bytes: u32,
-    /// CRC-32 of it.
-    pub checksum: u32,
+    /// Its authentication code.
+    pub code: AuthenticationCode,
 }
 
 impl Request {
@@ -80,28 +147,23 @@ impl Request {
     #[must_use]
     pub fn word(&self) -> Word {
         let mut word = MARKED;
-        let numbers = [REQUEST_MAGIC, self.bytes, self.checksum];
-        let mut sum = Crc32::new();
-        for (to, number) in word.chunks_exact_mut(4).zip(numbers) {
+        let (content, sum) = word.split_at_mut(8 + KEY_BYTES);
+        let (numbers, code) = content.split_at_mut(8);
+        for (to, number) in numbers.chunks_exact_mut(4).zip([REQUEST_MAGIC, self.bytes]) {
             to.copy_from_slice(&number.to_le_bytes());
-            sum.update(to);
         }
-        if let Some(to) = word.get_mut(12..16) {
-            to.copy_from_slice(&sum.value().to_le_bytes());
+        code.copy_from_slice(&self.code);
+        for (to, byte) in sum.iter_mut().zip(crc32(content).to_le_bytes()) {
+            *to = byte;
         }
         word
     }
 
     fn read(word: Option<Word>) -> Option<Self> {
         let word = word?;
-        let number = |nth: usize| {
-            Some(u32::from_le_bytes(
-                word.get(4 * nth..4 * nth + 4)?.try_into().ok()?,
-            ))
-        };
         let request = Self {
-            bytes: number(1)?,
-            checksum: number(2)?,
+            bytes: u32::from_le_bytes(word.get(4..8)?.try_into().ok()?),
+            code: word.get(8..8 + KEY_BYTES)?.try_into().ok()?,
         };
         (request.word() == word).then_some(request)
     }
@@ -144,7 +206,7 @@ pub enum Progress {
     Trial,
     /// It has been healthy.
     Confirmed,
-    /// It was not installed: it did not have its checksum any more, or the flash refused it.
+    /// It was not installed: it did not have its authentication code, or the flash refused it.
     NotInstalled,
     /// It was installed and did not become healthy: the previous one runs.
     RolledBack,
@@ -182,27 +244,30 @@ pub enum Start {
     Nothing,
 }
 
-/// Whether an image is in bounds, can be read and has its checksum.
-pub fn is_intact(
+/// Whether an image is in bounds, can be read and has its authentication code under the board's key.
+pub fn is_authentic(
     places: &Places,
     at: u32,
     request: &Request,
     mut word: impl FnMut(u32) -> Option<Word>,
 ) -> bool {
+    let Some(key) = UpdateKey::read(word(places.key)) else {
+        return false;
+    };
     if request.bytes == 0
         || request.bytes > places.image_bytes
         || !request.bytes.is_multiple_of(STRIDE)
     {
         return false;
     }
-    let mut sum = Crc32::new();
+    let mut authentication = key.authenticate();
     for offset in (0..request.bytes).step_by(WORD_BYTES) {
         match word(at + offset) {
-            Some(word) => sum.update(&word),
+            Some(word) => authentication.update(&word),
             None => return false,
         }
     }
-    sum.value() == request.checksum
+    authentication.code() == request.code
 }
 
 /// Sets a mark and sees that it reads as set.
@@ -259,7 +324,7 @@ pub fn prepare<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
         // It was started once and has not become healthy.
         Progress::Trial => return restore(flash, places),
         Progress::Requested => {
-            let is_whole = is_intact(places, places.incoming, &request, |address| {
+            let is_whole = is_authentic(places, places.incoming, &request, |address| {
                 flash.word(address)
             });
             let saved = is_whole
@@ -279,7 +344,7 @@ pub fn prepare<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
         }
         Progress::Saved => {
             // The running image may be half erased.
-            if !is_intact(places, places.incoming, &request, |address| {
+            if !is_authentic(places, places.incoming, &request, |address| {
                 flash.word(address)
             }) {
                 return restore(flash, places);
@@ -292,7 +357,7 @@ pub fn prepare<F: UpdateFlash>(flash: &mut F, places: &Places) -> Start {
         places.incoming,
         places.running,
         request.bytes,
-    ) && is_intact(places, places.running, &request, |address| {
+    ) && is_authentic(places, places.running, &request, |address| {
         flash.word(address)
     });
     if installed && mark(flash, places, Mark::Installed) {
@@ -389,7 +454,9 @@ mod tests {
         image_bytes: 3 * SECTOR,
         sector_bytes: SECTOR,
         journal: 10 * SECTOR,
+        key: 0,
     };
+    const KEY: UpdateKey = UpdateKey::new(*b"sixteen bytes of");
     const IMAGE_WORDS: usize = 9;
 
     /// A flash whose supply may fail.
@@ -490,21 +557,49 @@ mod tests {
         let (old, new) = (image(10), image(100));
         words[4..4 + IMAGE_WORDS].copy_from_slice(&old);
         words[28..28 + IMAGE_WORDS].copy_from_slice(&new);
-        let mut sum = Crc32::new();
-        new.iter().flatten().for_each(|word| sum.update(word));
-        words[40] = Some(
-            Request {
-                bytes: IMAGE_WORDS as u32 * STRIDE,
-                checksum: sum.value(),
-            }
-            .word(),
-        );
+        let mut authentication = KEY.authenticate();
+        for word in new.iter().flatten() {
+            authentication.update(word);
+        }
+        let request = Request {
+            bytes: IMAGE_WORDS as u32 * STRIDE,
+            code: authentication.code(),
+        };
+        words[0] = Some(KEY.word());
+        words[40] = Some(request.word());
         Cut {
             words,
             left: None,
             off: false,
             random: 1,
             done: 0,
+        }
+    }
+
+    #[test]
+    fn an_image_that_was_signed_with_another_key_changes_nothing() {
+        let mut flash = requested();
+        flash.words[0] = Some(UpdateKey::new([7; KEY_BYTES]).word());
+        assert_eq!(prepare(&mut flash, &PLACES), Start::Usual);
+        assert_eq!(flash.image(PLACES.running), &image(10)[..]);
+    }
+
+    /// The published vector of SipHash-2-4 with 128 bits: key 00 01 .. 0f, of the 32 bytes 00 01 .. 1f.
+    #[test]
+    fn the_code_is_that_of_siphash_2_4_128() {
+        let count = |nth: usize| nth as u8;
+        let key = UpdateKey::new(core::array::from_fn(count));
+        let mut authentication = key.authenticate();
+        authentication.update(&core::array::from_fn(count));
+        let hex: std::string::String = authentication
+            .code()
+            .iter()
+            .map(|byte| std::format!("{byte:02x}"))
+            .collect();
+        assert_eq!(hex, "7c3956ca5eeafc3e363e9d556546eb68");
+        assert_eq!(UpdateKey::read(Some(key.word())), Some(key));
+        for word in [None, Some(ERASED), Some(MARKED)] {
+            assert_eq!(UpdateKey::read(word), None);
         }
     }
 
@@ -538,8 +633,8 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_image_or_request_changes_nothing() {
-        for damaged in [28, 40] {
+    fn a_damaged_image_request_or_key_changes_nothing() {
+        for damaged in [0, 28, 40] {
             for word in [None, Some([7; WORD_BYTES]), Some(ERASED)] {
                 let mut flash = requested();
                 flash.words[damaged] = word;

@@ -49,6 +49,7 @@ pub mod signal;
 pub mod signal_filter;
 pub mod sliding_mode_controller;
 pub mod state_estimator;
+pub mod stepping;
 pub mod swing_watch;
 pub mod trace_frame;
 pub mod wave_table;

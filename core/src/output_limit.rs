@@ -9,6 +9,7 @@
 use crate::codes::DriveCode;
 use crate::parameter_block::AmplifierParameters;
 use crate::safety_envelope::SafetyEnvelope;
+use crate::servo_parameters::ConverterParameters;
 
 /// The limits, and the code that acts.
 #[derive(Clone, Debug)]
@@ -29,6 +30,17 @@ impl OutputLimit {
             highest,
             slew_codes: envelope.slew_codes(parameters),
             last: parameters.guard.rest_code,
+        }
+    }
+
+    /// Range and slew of a block's converters, where no envelope is narrower; it begins at `rest`.
+    #[must_use]
+    pub fn of_converters(converters: &ConverterParameters, rest: DriveCode) -> Self {
+        Self {
+            lowest: converters.dac_code_min,
+            highest: converters.dac_code_max,
+            slew_codes: converters.slew_codes,
+            last: rest,
         }
     }
 

@@ -24,9 +24,9 @@ use crate::servo_parameters::LawParameters;
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// Bytes of the largest envelope.
-pub const ENVELOPE_BYTES: usize = 128;
+pub const ENVELOPE_BYTES: usize = 160;
 
 /// The tolerance of the monitor goes so often into the range of the drive, or more: a gain that is wrong by
 /// 6 % is seen at the highest drive.
@@ -37,6 +37,8 @@ const TOLERANCES_IN_RANGE: i64 = 16;
 pub struct SafetyEnvelope {
     /// Name of the bench, padded with zeros.
     pub name: [u8; 16],
+    /// Serial number of the stage as blocks name it, padded with zeros; all zeros: blocks of every stage.
+    pub stage: [u8; 16],
     /// Bits of the drive's converter.
     pub dac_bits: u8,
     /// The sensor's converter is differential and gives two's complement.
@@ -92,6 +94,7 @@ pub struct SafetyEnvelope {
 
 wire_struct!(SafetyEnvelope {
     name,
+    stage,
     dac_bits,
     sensor_is_signed,
     reference_span_mv,
@@ -287,6 +290,9 @@ impl SafetyEnvelope {
             &parameters.guard,
             parameters.physical.sample_rate_hz,
         );
+        if self.stage != [0; 16] && parameters.physical.name != self.stage {
+            return Err("beyond the safety envelope: made for another stage");
+        }
         if c.dac_bits > self.dac_bits {
             return Err(
                 "beyond the safety envelope: codes of more bits than the drive's converter has",
@@ -368,6 +374,7 @@ pub(crate) mod tests {
     pub(crate) fn envelope() -> SafetyEnvelope {
         SafetyEnvelope {
             name: *b"bench\0\0\0\0\0\0\0\0\0\0\0",
+            stage: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
             dac_bits: 20,
             sensor_is_signed: false,
             reference_span_mv: 14_000,
@@ -445,6 +452,14 @@ pub(crate) mod tests {
                 envelope().admits(&block)
             );
         };
+        refuses(|p| p.physical.name[3] = b'4', "another stage");
+        let mut of_any = example();
+        of_any.physical.name[3] = b'4';
+        let without = SafetyEnvelope {
+            stage: [0; 16],
+            ..envelope()
+        };
+        assert_eq!(without.admits(&of_any), Ok(()));
         refuses(|p| p.guard.stuck_ticks = 0, "stuck");
         refuses(|p| p.guard.stuck_ticks = 401, "stuck");
         refuses(

@@ -290,8 +290,8 @@ impl ServoTick {
     }
 
     /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law
-    /// goes on from the last output as from its own, the reference and what was learned of it stay. Only
-    /// between parameters that [`crate::block_swap`] allows; call it between ticks.
+    /// goes on from the last output as from its own, the reference, what was learned of it and the sensor's
+    /// zero stay. Only between parameters that [`crate::block_swap`] allows; call it between ticks.
     // In place: the interrupt's stack has no room for a second set of parameters.
     pub fn exchange(&mut self, parameters: &ServoParameters) {
         if parameters.actuator != self.parameters.actuator {
@@ -302,7 +302,10 @@ impl ServoTick {
             }
             self.parameters.actuator = parameters.actuator;
         }
-        self.parameters.converters = parameters.converters;
+        self.parameters.converters = ConverterParameters {
+            adc_zero: self.parameters.converters.adc_zero,
+            ..parameters.converters
+        };
         // What the drive of now does by the new model; it is no newer drive.
         let (was, before) = (self.applied, self.applied_before);
         self.note(self.code);

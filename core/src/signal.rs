@@ -6,6 +6,7 @@
 //! | position, force-equivalent displacement, errors, estimates | [`Micrometres`] | um | +-128 | 6e-8 |
 //! | velocity, times the sampling period | [`Micrometres`] | um per sample | +-128 | 6e-8 |
 //! | drive | [`Volts`] | V | +-512 | 2.4e-7 |
+//! | travel of a stepping drive ([`crate::stepping`]) | [`Travel`] | um | +-32 768 | 1.5e-5 |
 //! | drive above its lower limit, as a share of its range | [`DriveShare`] | 1 | +-2 | 9e-10 |
 //!
 //! Velocities are carried times the sampling period so that they have the size of positions and need no
@@ -16,6 +17,8 @@
 
 /// Position, force-equivalent displacement, or velocity times the sampling period, um.
 pub type Micrometres = fixed::types::I8F24;
+/// Position of a slider along the travel of a stepping drive, um.
+pub type Travel = fixed::types::I16F16;
 /// Drive, V.
 pub type Volts = fixed::types::I10F22;
 /// Drive above its lower limit divided by its range.
@@ -23,6 +26,8 @@ pub type DriveShare = fixed::types::I2F30;
 
 /// Fraction bits of [`Micrometres`].
 pub const MICROMETRE_FRACTION_BITS: u32 = 24;
+/// Fraction bits of [`Travel`].
+pub const TRAVEL_FRACTION_BITS: u32 = 16;
 /// Fraction bits of [`Volts`].
 pub const VOLT_FRACTION_BITS: u32 = 22;
 /// Fraction bits of [`DriveShare`].

@@ -15,7 +15,7 @@ use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::{
     command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock,
-    telemetry, trace_tasks, update,
+    telemetry, trace_tasks, update_state,
 };
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
@@ -280,7 +280,7 @@ fn obey(line: &WaitingLine) {
             settings::keep_envelope(fingerprint),
         ),
         Ok(Line::BlockSwap) => settings::swap(),
-        Ok(Line::Restart) if settings::is_keeping() || update::is_busy() => {
+        Ok(Line::Restart) if settings::is_keeping() || update_state::is_busy() => {
             defmt::warn!("refused: the flash is being written")
         }
         Ok(Line::Restart) => match drive_rests() {

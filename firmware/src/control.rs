@@ -507,10 +507,10 @@ const COMPARE_4: u32 = 1 << 4;
 /// The mean of the tick's cycles forgets a 2^-n part at every tick.
 const RECENT_SHIFT: u32 = 8;
 
-/// Runs once a period, a microsecond or two after the edge of the sample clock.
-#[unsafe(no_mangle)]
-#[unsafe(link_section = ".control_code")]
-extern "C" fn TIM2() {
+/// Runs once a period, a microsecond or two after the edge of the sample clock. The image's handler of TIM2
+/// calls it, and nobody else does.
+#[inline(always)]
+pub fn on_interrupt() {
     let entry = TIMER.cnt().read();
     let cycles_now = DWT::cycle_count();
     TIMER.sr().write(|w| w.0 = !COMPARE_4);
@@ -594,7 +594,7 @@ extern "C" fn TIM2() {
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
         reference: sample.reference,
-        adc_zero: amplifier.parameters().servo.converters.adc_zero,
+        adc_zero: amplifier.servo().parameters().converters.adc_zero,
         zeroed: amplifier.zeroed(),
         conditioned: amplifier.conditioned(),
         conditioning_required: amplifier.conditioning_required(),

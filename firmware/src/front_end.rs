@@ -12,7 +12,6 @@ use hysteron_core::servo_parameters::ConverterParameters;
 #[derive(Clone, Copy)]
 pub struct CodeBits {
     /// Of the sensor's.
-    #[allow(dead_code)] // the parts' own converters have just one width
     pub adc: u8,
     /// Of the drive's.
     pub dac: u8,
@@ -20,7 +19,6 @@ pub struct CodeBits {
 
 impl CodeBits {
     /// Those of a block.
-    #[allow(dead_code)] // the board check has no block
     pub const fn of(converters: &ConverterParameters) -> Self {
         Self {
             adc: converters.adc_bits,
@@ -31,7 +29,6 @@ impl CodeBits {
 
 /// How the converters are wired, as far as their codes do not show it: what the safety envelope says.
 #[derive(Clone, Copy, Default)]
-#[allow(dead_code)] // the parts' own converters are wired one way
 pub struct Wiring {
     /// The sensor's converter gives two's complement.
     pub sensor_is_signed: bool,
@@ -45,7 +42,6 @@ pub struct Wiring {
 
 impl Wiring {
     /// That of an envelope.
-    #[allow(dead_code)] // not every image has one
     pub const fn of(envelope: &SafetyEnvelope) -> Self {
         Self {
             sensor_is_signed: envelope.sensor_is_signed,
@@ -66,13 +62,10 @@ pub trait FrontEnd {
     /// From the edge of the sample clock until the sample can be read, ns.
     const INTERRUPT_AFTER_NS: u32;
     /// The register of the drive's converter can be read back.
-    #[allow(dead_code)] // for who reads an envelope
     const READS_BACK: bool;
     /// The part can read the amplifier's voltage monitor.
-    #[allow(dead_code)] // for who reads an envelope
     const HAS_MONITOR: bool;
     /// Whether it can give and take codes of so many bits.
-    #[allow(dead_code)] // the board check has no block
     fn has(bits: CodeBits) -> bool;
     /// Not started yet; codes have so many bits, which it has.
     fn new(bits: CodeBits, wiring: Wiring) -> Self;
@@ -85,19 +78,16 @@ pub trait FrontEnd {
     fn write(&mut self, code: DriveCode) -> bool;
     /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not
     /// take that. The code that it was given last is in its register.
-    #[allow(dead_code)] // not every image that has a front end keeps it so long
     fn renew(&mut self) -> bool;
     /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
     /// conversion. `None` if its converter did not answer or is missing.
     #[inline(always)]
-    #[allow(dead_code)] // the board check drives no amplifier
     fn monitor(&mut self) -> Option<u16> {
         None
     }
     /// Whether the register of the drive's converter held the code that was written last when the one
     /// behind it was written; where it cannot be read back it counts as held.
     #[inline(always)]
-    #[allow(dead_code)] // the board check sees the drive over its wire
     fn holds(&self) -> bool {
         true
     }

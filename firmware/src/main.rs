@@ -1,39 +1,8 @@
-//! Hysteron's firmware for the boards of [`board`].
-//!
-//! A hardware timer beats at the sample rate ([`sample_clock`]); its compare interrupt, the only one at the
-//! highest priority, runs the control tick ([`control`]). Everything else runs in Embassy tasks below it and
-//! can never delay it: the critical sections of this image mask every priority but that one
-//! ([`critical_section_below_control`]).
+//! Hysteron's firmware: starts what the library has, and hands it its interrupts and faults.
 #![no_std]
 #![no_main]
 
-mod board;
-mod command_port;
-mod command_tasks;
-mod control;
-mod control_code;
-mod critical_section_below_control;
-mod event_log;
-mod fault;
-mod flash_read;
-mod front_end;
-mod log_channel;
-mod option_bytes;
-mod recorder;
-mod ring;
-mod safety_lines;
-mod sample_clock;
-mod serial_device;
-mod serial_line;
-mod serial_port;
-mod settings;
-mod stack;
-mod supply;
-mod task_clock;
-mod telemetry;
-mod trace_tasks;
-#[cfg_attr(feature = "nucleo-g474re", path = "no_update.rs")]
-mod update;
+use core::panic::PanicInfo;
 
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use hysteron_core::amplifier::Amplifier;
@@ -44,17 +13,62 @@ use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::output_monitor::OutputMonitor;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
+use hysteron_firmware::board::{self, Board, Converters, Platform, SAMPLE_RATE_HZ};
+use hysteron_firmware::control::{self, COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
+use hysteron_firmware::front_end::{CodeBits, FrontEnd, Wiring};
+use hysteron_firmware::ring::{Consumer, Producer, Ring};
+use hysteron_firmware::{
+    command_port, command_tasks, event_log, fault, option_bytes, recorder, safety_lines,
+    sample_clock, serial_line, serial_port, settings, stack, supply, telemetry, trace_tasks,
+    update, watchdog,
+};
 use rtt_target::{ChannelMode, rtt_init};
 use static_cell::StaticCell;
-
-use board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
-use control::{COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
-use front_end::{CodeBits, FrontEnd, Wiring};
-use ring::{Consumer, Producer, Ring};
 
 static SAMPLES: StaticCell<Ring<PackedSample, SAMPLE_QUEUE>> = StaticCell::new();
 static COMMANDS: StaticCell<Ring<Scheduled, COMMAND_QUEUE>> = StaticCell::new();
 static REPLIES: StaticCell<Ring<Reply, COMMAND_QUEUE>> = StaticCell::new();
+
+/// What the image says of itself.
+#[cfg(feature = "nucleo-h743zi")]
+#[used]
+#[unsafe(link_section = ".image_header")]
+static HEADER: hysteron_core::firmware_update::ImageHeader = update::HEADER;
+
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".control_code")]
+extern "C" fn TIM2() {
+    control::on_interrupt();
+}
+
+#[cfg_attr(feature = "nucleo-h743zi", unsafe(export_name = "USART3"))]
+#[cfg_attr(feature = "nucleo-g474re", unsafe(export_name = "LPUART1"))]
+extern "C" fn serial_interrupt() {
+    serial_line::on_interrupt();
+}
+
+#[cfg_attr(feature = "nucleo-h743zi", unsafe(export_name = "PVD_AVD"))]
+#[cfg_attr(feature = "nucleo-g474re", unsafe(export_name = "PVD_PVM"))]
+extern "C" fn supply_interrupt() {
+    fault::stop(Fault::SupplyLow)
+}
+
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    if let Some(cause) = Board::cause_of_nmi() {
+        fault::stop(cause)
+    }
+}
+
+#[cortex_m_rt::exception]
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    fault::stop(Fault::HardFault)
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo) -> ! {
+    fault::stop(Fault::HardFault)
+}
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -131,7 +145,10 @@ async fn main(spawner: Spawner) {
     );
     command_port::open(command_producer);
     telemetry::begin(&parameters);
-    serial_port::open(spawner, peripherals, parameters);
+    if let Some((line, session)) = serial_port::open(peripherals, parameters) {
+        spawn(spawner, serial_port::receiving());
+        spawn(spawner, serial_port::obeying(line, session));
+    }
     spawn(spawner, trace_tasks::trace(sample_consumer));
     spawn(spawner, trace_tasks::read_out());
     spawn(spawner, command_tasks::commands(channels.down.0));
@@ -140,7 +157,7 @@ async fn main(spawner: Spawner) {
     spawn(spawner, command_tasks::protector());
     spawn(spawner, update::updater());
     sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
-    fault::watch().await;
+    watchdog::watch().await;
 }
 
 /// What the interrupt gets beside the amplifier.
@@ -218,7 +235,7 @@ fn hand_over(
 }
 
 /// Spawns a task.
-pub fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
+fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
     match task {
         Ok(task) => spawner.spawn(task),
         Err(_) => defmt::error!("a task has no room"),

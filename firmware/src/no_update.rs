@@ -2,13 +2,8 @@
 //! no boot stage. Flash it over the debug probe.
 
 use hysteron_core::command_text::BlockPiece;
-use hysteron_core::firmware_update::ImageHeader;
-use hysteron_protocol::device::{UpdateRefusal, UpdateState};
-
-/// There is no update.
-pub fn state() -> UpdateState {
-    UpdateState::Unsupported
-}
+use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
+use hysteron_protocol::device::UpdateRefusal;
 
 /// An image of this board has no header that anybody reads.
 pub fn running() -> Option<ImageHeader> {
@@ -20,23 +15,8 @@ pub fn load() -> bool {
     false
 }
 
-/// No image is on trial.
-pub fn is_on_trial() -> bool {
-    false
-}
-
 /// Nothing is kept of it.
 pub fn healthy() {}
-
-/// Nothing is written.
-pub fn is_busy() -> bool {
-    false
-}
-
-/// Never.
-pub fn is_under_way() -> bool {
-    false
-}
 
 /// Refuses.
 pub fn begin(_: u32) -> Result<(), UpdateRefusal> {
@@ -49,7 +29,7 @@ pub fn take(_: &BlockPiece) -> Result<bool, UpdateRefusal> {
 }
 
 /// Refuses.
-pub fn commit(_: u32) -> Result<bool, UpdateRefusal> {
+pub fn commit(_: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
     Err(UpdateRefusal::Unsupported)
 }
 

@@ -4,7 +4,7 @@ use core::sync::atomic::AtomicI32;
 
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::filter_design::FilterSetting;
-use hysteron_core::firmware_update::ImageHeader;
+use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
@@ -16,7 +16,10 @@ use hysteron_protocol::device::{
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
-use crate::{control, event_log, option_bytes, recorder, serial_port, settings, telemetry, update};
+use crate::{
+    control, event_log, option_bytes, recorder, serial_line, settings, telemetry, update,
+    update_state,
+};
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much
@@ -119,9 +122,9 @@ impl Device for Target {
     }
 
     fn restart(&mut self) -> Result<(), Moving> {
-        let is_writing = settings::is_keeping() || update::is_busy();
+        let is_writing = settings::is_keeping() || update_state::is_busy();
         if control::drive_rests() && !is_writing {
-            Ok(serial_port::restart())
+            Ok(serial_line::restart())
         } else {
             Err(Moving)
         }
@@ -132,7 +135,7 @@ impl Device for Target {
     }
 
     fn update(&self) -> UpdateState {
-        update::state()
+        update_state::state()
     }
 
     fn begin_update(&mut self, bytes: u32) -> Result<(), UpdateRefusal> {
@@ -143,8 +146,8 @@ impl Device for Target {
         update::take(piece)
     }
 
-    fn commit_update(&mut self, checksum: u32) -> Result<bool, UpdateRefusal> {
-        update::commit(checksum)
+    fn commit_update(&mut self, code: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
+        update::commit(code)
     }
 
     fn take_sensor_filter(&mut self, filter: &FilterSetting) -> Result<(), &'static str> {
@@ -160,11 +163,11 @@ impl Device for Target {
     }
 
     fn baud(&self) -> u32 {
-        serial_port::baud()
+        serial_line::baud()
     }
 
     fn set_baud(&mut self, baud: u32) {
-        serial_port::set_baud(baud);
+        serial_line::set_baud(baud);
     }
 
     fn diagnosis(&self) -> DeviceDiagnosis {

@@ -7,14 +7,14 @@
 //! sent stands in [`Outgoing`] until its last stop bit has gone.
 
 use core::cell::RefCell;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use critical_section::Mutex;
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::usart::Lpuart;
 use embassy_stm32::usart::Uart;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, ThreadModeRawMutex};
 use embassy_sync::signal::Signal;
 use hysteron_core::command_lines::STOP_BYTE;
 use hysteron_core::line_input::LineInput;
@@ -34,6 +34,26 @@ pub static CAME: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// A stop byte has acted here and is not yet among the lines: those that wait came before it.
 static STOP_WAITS: AtomicBool = AtomicBool::new(false);
+
+/// The line's speed, bit/s, and what is asked of the port once what is being sent has gone.
+static BAUD: AtomicU32 = AtomicU32::new(0);
+static BAUD_CHANGED: Signal<ThreadModeRawMutex, u32> = Signal::new();
+static RESTART: Signal<ThreadModeRawMutex, ()> = Signal::new();
+
+/// The line's speed, bit/s.
+pub fn baud() -> u32 {
+    BAUD.load(Ordering::Relaxed)
+}
+
+/// Changes it, once what is being sent has gone.
+pub fn set_baud(baud: u32) {
+    BAUD_CHANGED.signal(baud);
+}
+
+/// Restarts the part, once what is being sent has gone.
+pub fn restart() {
+    RESTART.signal(());
+}
 
 /// Whether the lines that wait came before a stop.
 pub fn stop_waits() -> bool {
@@ -72,8 +92,9 @@ fn registers() -> Lpuart {
 pub struct SerialLine(Uart<'static, Blocking>);
 
 impl SerialLine {
-    /// Lets the interrupt have the port.
-    pub fn open(port: Uart<'static, Blocking>) -> Self {
+    /// Lets the interrupt have the port, which has this speed.
+    pub fn open(port: Uart<'static, Blocking>, baud: u32) -> Self {
+        BAUD.store(baud, Ordering::Relaxed);
         registers().cr3().modify(|w| w.set_eie(true));
         registers().cr1().modify(|w| {
             w.set_rxneie(true);
@@ -100,14 +121,24 @@ impl SerialLine {
         }
     }
 
-    /// Another speed, between two bytes: the port takes it while it is off. `false` if it cannot have it.
-    pub fn set_baud(&mut self, baud: u32) -> bool {
+    /// Whether somebody has asked for a restart since the last look.
+    pub fn restart_is_asked(&self) -> bool {
+        RESTART.try_take().is_some()
+    }
+
+    /// Takes another speed that was asked for, between two bytes and while the port is off. Where the port
+    /// cannot have it the speed stays.
+    pub fn take_baud(&mut self) {
+        let Some(baud) = BAUD_CHANGED.try_take() else {
+            return;
+        };
         critical_section::with(|_| {
             registers().cr1().modify(|w| w.set_ue(false));
-            let taken = self.0.set_baudrate(baud).is_ok();
+            if self.0.set_baudrate(baud).is_ok() {
+                BAUD.store(baud, Ordering::Relaxed);
+            }
             registers().cr1().modify(|w| w.set_ue(true));
-            taken
-        })
+        });
     }
 }
 

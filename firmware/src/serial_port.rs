@@ -11,7 +11,6 @@
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use embassy_executor::Spawner;
 use embassy_futures::yield_now;
 use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -31,7 +30,7 @@ use crate::board::{Board, Platform};
 use crate::control::{self, Reply, Source};
 use crate::serial_device::{Target, WAVES};
 use crate::serial_line::{self, SerialLine};
-use crate::{command_port, settings, spawn, task_clock};
+use crate::{command_port, settings, task_clock};
 
 /// The line's speed after a start, unless the operator kept another, bit/s.
 const BAUD: u32 = 115_200;
@@ -46,46 +45,31 @@ static TOO_LONG: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static NO_ROOM: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static INCOMPLETE: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static REPLY: Signal<ThreadModeRawMutex, Reply> = Signal::new();
-/// The line's speed, and whether the port has it already.
-static LINE_BAUD: AtomicU32 = AtomicU32::new(BAUD);
-static BAUD_CHANGED: Signal<ThreadModeRawMutex, u32> = Signal::new();
-static RESTART: Signal<ThreadModeRawMutex, ()> = Signal::new();
 /// Turns that the tasks have had: of the first since the last look, of the other since the start.
 static RECEIVING_TURNS: AtomicU32 = AtomicU32::new(0);
 static OBEYING_TURNS: AtomicU32 = AtomicU32::new(0);
 static SESSION: StaticCell<Session<Target>> = StaticCell::new();
 
-/// Opens the port.
-pub fn open(spawner: Spawner, peripherals: Peripherals, parameters: AmplifierParameters) {
+/// Opens the port: what [`obeying`] needs.
+pub fn open(
+    peripherals: Peripherals,
+    parameters: AmplifierParameters,
+) -> Option<(SerialLine, &'static mut Session<Target>)> {
     Board::SERIAL_INTERRUPT.set_priority(Priority::P8);
     let mut config = Config::default();
     let baud = settings::kept_settings().map_or(BAUD, |kept| kept.baud);
     config.baudrate = baud;
-    LINE_BAUD.store(baud, Ordering::Relaxed);
     match Board::serial_port(peripherals, config) {
         Ok(port) => {
-            let line = SerialLine::open(port);
+            let line = SerialLine::open(port, baud);
             let session = SESSION.init_with(|| Session::new(Target, parameters, &WAVES));
-            spawn(spawner, receiving());
-            spawn(spawner, obeying(line, session));
+            Some((line, session))
         }
-        Err(_) => defmt::error!("the serial port cannot be set up"),
+        Err(_) => {
+            defmt::error!("the serial port cannot be set up");
+            None
+        }
     }
-}
-
-/// The line's speed, bit/s.
-pub fn baud() -> u32 {
-    LINE_BAUD.load(Ordering::Relaxed)
-}
-
-/// Changes it, once what is being sent has gone.
-pub fn set_baud(baud: u32) {
-    BAUD_CHANGED.signal(baud);
-}
-
-/// Restarts the part, once what is being sent has gone.
-pub fn restart() {
-    RESTART.signal(());
 }
 
 /// Whether the port can be spoken to: it is set up, its tasks have had their turns, and the one that takes
@@ -101,8 +85,9 @@ pub fn take(reply: Reply) {
     REPLY.signal(reply);
 }
 
+/// Makes lines of what comes.
 #[embassy_executor::task]
-async fn receiving() {
+pub async fn receiving() {
     loop {
         serial_line::CAME.wait().await;
         let mut stop_came = false;
@@ -147,8 +132,9 @@ async fn receiving() {
     }
 }
 
+/// Obeys them.
 #[embassy_executor::task]
-async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
+pub async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
     let mut piece = Piece::new();
     loop {
         LINE_CAME.wait().await;
@@ -177,17 +163,11 @@ async fn obeying(mut port: SerialLine, session: &'static mut Session<Target>) {
                     Step::Work => yield_now().await,
                 }
             }
-            if RESTART.try_take().is_some() {
-                // Nothing of this port has moved the drive since; the probe may have.
-                if control::drive_rests() {
-                    cortex_m::peripheral::SCB::sys_reset();
-                }
+            // Nothing of this port has moved the drive since; the probe may have.
+            if port.restart_is_asked() && control::drive_rests() {
+                cortex_m::peripheral::SCB::sys_reset();
             }
-            if let Some(baud) = BAUD_CHANGED.try_take()
-                && port.set_baud(baud)
-            {
-                LINE_BAUD.store(baud, Ordering::Relaxed);
-            }
+            port.take_baud();
         }
     }
 }

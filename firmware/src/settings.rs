@@ -5,7 +5,7 @@
 //! verified before anything is touched, gets a generation that counts up, goes where the block in use is not,
 //! is read back, and the other one is marked as replaced. Which of two valid blocks is in force says
 //! [`block_choice`]; where neither is marked nothing is driven. The log gives the reason why a block was
-//! refused; a block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]).
+//! refused; a block that the supply cut off while it was written is only unreadable ([`flash_read`]).
 //! So a block that was damaged on its way or in flash leaves the last good one in force.
 //!
 //! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged nothing arms
@@ -33,11 +33,12 @@ use hysteron_core::parameter_block::{
 };
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_core::signal_filter::{FilteredSignal, Place};
+use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::{CodeBits, FrontEnd};
-use crate::{control, flash_read, update};
+use crate::{control, update_state};
 
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
@@ -95,7 +96,7 @@ pub fn brought() -> Brought {
 /// A copy of what is kept at an address.
 fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
     let mut bytes = [0; KEPT_BYTES];
-    flash_read::copy(address, &mut bytes).map_err(|word| {
+    flash_read::copy::<Board>(address, &mut bytes).map_err(|word| {
         defmt::warn!("the flash word at {=u32:#x} is damaged", word.0);
         BlockError::Unreadable
     })?;
@@ -139,7 +140,7 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
 /// Looks for the envelope.
 pub fn load_envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
-    let found = flash_read::copy(Board::ENVELOPE, &mut bytes)
+    let found = flash_read::copy::<Board>(Board::ENVELOPE, &mut bytes)
         .map_err(|_| BlockError::Unreadable)
         .and_then(|()| safety_envelope::read(&bytes));
     // For the codes of another converter it says nothing.
@@ -174,8 +175,8 @@ pub fn load_envelope() -> Option<SafetyEnvelope> {
 /// Looks for what the operator kept; `false` where something is kept that cannot be used. Safety hangs on it.
 pub fn load_kept(sample_rate_hz: u32) -> bool {
     let mut bytes = [0; SETTINGS_BYTES];
-    let found =
-        flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable);
+    let found = flash_read::copy::<Board>(Board::KEPT_SETTINGS, &mut bytes)
+        .map_err(|_| BlockError::Unreadable);
     match found.and_then(|()| kept_settings::read(&bytes, sample_rate_hz)) {
         Ok(settings) => KEPT.lock(|place| place.set(Some(settings))),
         Err(BlockError::Absent) if bytes.iter().all(|byte| *byte == 0xFF) => {}
@@ -250,7 +251,7 @@ async fn commit_settings(settings: &KeptSettings, sample_rate_hz: u32) -> Result
     let mut bytes = [0xFF; SETTINGS_BYTES];
     kept_settings::write(settings, &mut bytes).map_err(BlockError::reason)?;
     Board::write_sector(Board::KEPT_SETTINGS, &bytes).await?;
-    flash_read::copy(Board::KEPT_SETTINGS, &mut bytes)
+    flash_read::copy::<Board>(Board::KEPT_SETTINGS, &mut bytes)
         .map_err(|_| BlockError::Unreadable.reason())?;
     let same = kept_settings::read(&bytes, sample_rate_hz).is_ok_and(|read| read == *settings);
     if same {
@@ -263,7 +264,7 @@ async fn commit_settings(settings: &KeptSettings, sample_rate_hz: u32) -> Result
 /// Whether the block at an address is marked as replaced.
 fn is_replaced(address: u32) -> bool {
     let mut mark = [0xFF; MARK_BYTES as usize];
-    let read = flash_read::copy(address + Board::SECTOR_BYTES - MARK_BYTES, &mut mark);
+    let read = flash_read::copy::<Board>(address + Board::SECTOR_BYTES - MARK_BYTES, &mut mark);
     // A mark that the supply cut off was being made.
     read.is_err() || mark.iter().any(|byte| *byte != 0xFF)
 }
@@ -388,7 +389,7 @@ fn may_write() -> Result<(), &'static str> {
         Err("only at rest")
     } else if is_keeping() {
         Err(BUSY)
-    } else if update::is_under_way() {
+    } else if update_state::is_under_way() {
         Err("an image is coming or on trial")
     } else {
         Ok(())
@@ -529,7 +530,7 @@ impl Upload {
         fits_converters(&envelope)?;
         Board::write_sector(Board::ENVELOPE, &self.bytes).await?;
         let mut bytes = [0; ENVELOPE_BYTES];
-        flash_read::copy(Board::ENVELOPE, &mut bytes)
+        flash_read::copy::<Board>(Board::ENVELOPE, &mut bytes)
             .map_err(|_| BlockError::Unreadable.reason())?;
         if safety_envelope::read(&bytes) == Ok(envelope) {
             Ok(())

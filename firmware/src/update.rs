@@ -3,30 +3,30 @@
 //!
 //! # How it works
 //! `UPD BEGIN` erases the room for the image and the journal, `UPD DATA` programs a flash word, `UPD COMMIT`
-//! compares the checksum of what stands in flash with the one that the host names, and only then writes the
-//! request. The next start installs the image. Erase and program are bank 2's, and code runs from bank 1 and
+//! compares the authentication code of what stands in flash with the one that the host names, and only then
+//! writes the request. The code is under a key in the boot stage's sector, which no command reads or writes; a
+//! board without one takes no image. The next start installs the image. Erase and program are bank 2's, and code runs from bank 1 and
 //! ITCM: neither ticks nor tasks wait. All of it is refused unless the power stage is off and the drive rests.
 //!
 //! An image that runs for the first time marks itself healthy after a second ([`healthy`]); until then every
 //! restart puts the previous image back.
 
-use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_futures::yield_now;
-use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
-use hysteron_core::checksum::Crc32;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::{
-    H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress, Request, WORD_BYTES,
-    Word, journal,
+    AuthenticationCode, H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress,
+    Request, UpdateKey, WORD_BYTES, Word, journal,
 };
+use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::{UpdateRefusal, UpdateState};
 
-use crate::board::{SAMPLE_RATE_HZ, flash};
-use crate::{control, flash_read, settings};
+use crate::board::{Board, SAMPLE_RATE_HZ, flash};
+use crate::update_state::{is_busy, is_on_trial, set, state};
+use crate::{control, settings};
 
 /// The board, as an image names it.
 const BOARD: &str = "NUCLEO-H743ZI2";
@@ -36,17 +36,13 @@ const FRONT_END: &str = if cfg!(feature = "on-chip-converters") {
 } else {
     "SPI"
 };
-/// Words between two turns of other tasks while a checksum is computed.
+/// Words between two turns of other tasks while a code is computed.
 const WORDS_AT_ONCE: usize = 32;
 
-/// What the image says of itself.
-#[used]
-#[unsafe(link_section = ".image_header")]
-static HEADER: ImageHeader =
+/// What an image says of itself.
+pub const HEADER: ImageHeader =
     ImageHeader::new(BOARD, FRONT_END, env!("CARGO_PKG_VERSION"), SAMPLE_RATE_HZ);
 
-static STATE: ThreadModeMutex<Cell<UpdateState>> =
-    ThreadModeMutex::new(Cell::new(UpdateState::Nothing));
 /// Bytes of the image that is coming, and of what of it stands in flash.
 static LENGTH: AtomicU32 = AtomicU32::new(0);
 static STORED: AtomicU32 = AtomicU32::new(0);
@@ -59,32 +55,25 @@ enum Wanted {
     Begin,
     /// Programs a word.
     Word { offset: u32, word: Word },
-    /// Compares the checksum and requests the start of the image.
-    Commit { checksum: u32 },
+    /// Compares the authentication code and requests the start of the image.
+    Commit { code: AuthenticationCode },
     /// Sets a mark in the journal.
     Mark(Mark),
-}
-
-/// How far an update is.
-pub fn state() -> UpdateState {
-    STATE.lock(Cell::get)
-}
-
-fn set(state: UpdateState) {
-    STATE.lock(|place| place.set(state));
 }
 
 /// A word of the flash, if it can be read.
 #[inline(never)]
 fn word(address: u32) -> Option<Word> {
     let mut word = [0; WORD_BYTES];
-    flash_read::copy(address, &mut word).ok().map(|()| word)
+    flash_read::copy::<Board>(address, &mut word)
+        .ok()
+        .map(|()| word)
 }
 
 /// What the image at an address says of itself, and its length.
 fn header(image: u32) -> Option<(u32, ImageHeader)> {
     let mut bytes = [0; HEADER_BYTES];
-    flash_read::copy(image + HEADER_OFFSET, &mut bytes).ok()?;
+    flash_read::copy::<Board>(image + HEADER_OFFSET, &mut bytes).ok()?;
     ImageHeader::read(&bytes)
 }
 
@@ -124,25 +113,9 @@ pub fn load() -> bool {
     state == UpdateState::RolledBack && !reported
 }
 
-/// Whether this image has not been healthy for a second yet.
-pub fn is_on_trial() -> bool {
-    state() == UpdateState::Trial
-}
-
 /// This image has been healthy for a second.
 pub fn healthy() {
     WANTED.signal(Wanted::Mark(Mark::Healthy));
-}
-
-/// Whether a restart would cut off what is being written.
-pub fn is_busy() -> bool {
-    matches!(state(), UpdateState::Erasing | UpdateState::Verifying)
-}
-
-/// Whether an image is coming or on trial: nothing else is written meanwhile, so that the one which a start
-/// installs and what was kept for it belong together.
-pub fn is_under_way() -> bool {
-    is_busy() || is_on_trial() || matches!(state(), UpdateState::Receiving { .. })
 }
 
 /// The flash is idle, and nobody uses the amplifier.
@@ -203,8 +176,8 @@ pub fn take(piece: &BlockPiece) -> Result<bool, UpdateRefusal> {
     Ok(true)
 }
 
-/// The image has come; the host names its checksum.
-pub fn commit(checksum: u32) -> Result<bool, UpdateRefusal> {
+/// The image has come; the host names its authentication code.
+pub fn commit(code: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
     if WANTED.signaled() || STORED.load(Ordering::Relaxed) != received() {
         return Ok(false);
     }
@@ -213,7 +186,7 @@ pub fn commit(checksum: u32) -> Result<bool, UpdateRefusal> {
         return Err(UpdateRefusal::NoImage);
     }
     set(UpdateState::Verifying);
-    WANTED.signal(Wanted::Commit { checksum });
+    WANTED.signal(Wanted::Commit { code: *code });
     Ok(true)
 }
 
@@ -239,7 +212,7 @@ pub async fn updater() {
                     .await
                     .map(|()| UpdateState::Receiving { stored })
             }
-            Wanted::Commit { checksum } => request(checksum).await.map(|()| {
+            Wanted::Commit { code } => request(code).await.map(|()| {
                 defmt::info!("update: an image is ready: `restart` installs it");
                 UpdateState::Ready
             }),
@@ -265,8 +238,15 @@ pub async fn updater() {
     }
 }
 
+/// The key under which images are taken.
+fn key() -> Result<UpdateKey, &'static str> {
+    UpdateKey::read(word(H743ZI.key))
+        .ok_or("the board has no key: it takes images over the debug probe")
+}
+
 /// Forgets what was before and erases the room for the image.
 async fn make_room() -> Result<(), &'static str> {
+    key()?;
     // A request that is not one any more cannot come back while the sector is erased half.
     if journal(H743ZI.journal, word).1.is_some() {
         flash::write_word(H743ZI.journal, &MARKED).await?;
@@ -279,26 +259,27 @@ async fn make_room() -> Result<(), &'static str> {
 }
 
 /// Looks at what stands in flash and requests its start.
-async fn request(checksum: u32) -> Result<(), &'static str> {
+async fn request(code: AuthenticationCode) -> Result<(), &'static str> {
     let bytes = LENGTH.load(Ordering::Relaxed);
     if STORED.load(Ordering::Relaxed) != bytes {
         return Err("pieces are missing");
     }
-    let mut sum = Crc32::new();
+    let mut authentication = key()?.authenticate();
     for (nth, offset) in (0..bytes).step_by(WORD_BYTES).enumerate() {
-        sum.update(&word(H743ZI.incoming + offset).ok_or("a word of the flash is damaged")?);
+        authentication
+            .update(&word(H743ZI.incoming + offset).ok_or("a word of the flash is damaged")?);
         if nth % WORDS_AT_ONCE == 0 {
             yield_now().await;
         }
     }
-    if sum.value() != checksum {
-        return Err("the checksum is not that of what came");
+    if authentication.code() != code {
+        return Err("what came is not signed with the board's key");
     }
     let (length, header) = header(H743ZI.incoming).ok_or("it is no image of this project")?;
     if header.board != HEADER.board || header.front_end != HEADER.front_end || length > bytes {
         return Err("it is an image for another board or other converters");
     }
-    let request = Request { bytes, checksum };
+    let request = Request { bytes, code };
     flash::write_word(H743ZI.journal, &request.word()).await?;
     if journal(H743ZI.journal, word).1 == Some(request) {
         Ok(())

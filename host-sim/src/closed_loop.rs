@@ -34,6 +34,24 @@ pub trait Plant {
     }
 }
 
+impl<P: Plant + ?Sized> Plant for Box<P> {
+    fn advance(&mut self, drive_v: f64, external_um: f64) {
+        (**self).advance(drive_v, external_um);
+    }
+
+    fn displacement_um(&self) -> f64 {
+        (**self).displacement_um()
+    }
+
+    fn sensor_um(&self) -> f64 {
+        (**self).sensor_um()
+    }
+
+    fn next_coloured_um(&mut self) -> f64 {
+        (**self).next_coloured_um()
+    }
+}
+
 impl Plant for bench::Plant {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
         self.tick_with_force(drive_v, external_um);

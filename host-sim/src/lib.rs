@@ -34,6 +34,7 @@ pub mod noise;
 pub mod physics;
 pub mod rate_dependent_hysteresis;
 pub mod several_axes;
+pub mod stepping_loop;
 pub mod stick_slip;
 pub mod variations;
 pub mod waveform;

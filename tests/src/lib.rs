@@ -1,6 +1,7 @@
 //! Tests that cross the rooms of Hysteron, and what they share.
 
 pub mod independent_stage;
+pub mod lugre_rig;
 pub mod measured;
 pub mod random_input;
 pub mod running_amplifier;

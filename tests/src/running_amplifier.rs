@@ -110,7 +110,7 @@ impl RunningAmplifier {
     /// What a reading stands for since the sensor was zeroed, um.
     #[must_use]
     pub fn reading_um(&self, adc_code: SensorCode) -> f64 {
-        let c = self.amplifier.parameters().servo.converters;
+        let c = self.amplifier.servo().parameters().converters;
         f64::from(c.adc_zero) / f64::from(1 << 24)
             + f64::from(adc_code) * c.adc_step as f64 / 2f64.powi(40)
     }

@@ -1,6 +1,6 @@
 //! Another image over the line, and whether the board runs it.
 
-use hysteron_core::firmware_update::{WORD_BYTES, text};
+use hysteron_core::firmware_update::{AuthenticationCode, WORD_BYTES, text};
 
 use crate::board::Board;
 use crate::error::{Error, Result};
@@ -23,7 +23,7 @@ pub enum UpdateStage {
         /// All of them.
         of: usize,
     },
-    /// The board compares the checksum.
+    /// The board compares the authentication code.
     Verifying,
     /// The board restarts and installs the image.
     Installing,
@@ -107,14 +107,14 @@ fn look(board: &mut Board, image: &FirmwareImage) -> Result<()> {
     Ok(())
 }
 
-/// Brings an image into the board's flash, with this checksum. The running image goes on.
+/// Brings an image into the board's flash, with this authentication code. The running image goes on.
 ///
 /// # Errors
 /// The board cannot be updated, is in use, or refuses the image; nothing has changed then.
 pub fn bring(
     board: &mut Board,
     image: &FirmwareImage,
-    checksum: u32,
+    code: &AuthenticationCode,
     mut progress: impl FnMut(UpdateStage),
 ) -> Result<()> {
     look(board, image)?;
@@ -140,7 +140,7 @@ pub fn bring(
         });
     }
     progress(UpdateStage::Verifying);
-    board.tell(&format!("UPD COMMIT {checksum:#010x}"))?;
+    board.tell(&format!("UPD COMMIT {:032x}", u128::from_be_bytes(*code)))?;
     wait_for(board, "READY")
 }
 
@@ -186,7 +186,7 @@ pub fn install(
             }
             "NOT_INSTALLED" => {
                 return Err(wrong(
-                    "the image was not installed: its bytes changed in flash; the previous one runs",
+                    "the image was not installed: it has not its authentication code in flash; the previous one runs",
                 ));
             }
             other => {

@@ -46,6 +46,8 @@ const BOOT_STAGE: &str = "hysteron-boot-stage";
 pub fn bench_envelope() -> SafetyEnvelope {
     SafetyEnvelope {
         name: *b"emulated bench\0\0",
+        // Runs bring blocks of many stages.
+        stage: [0; 16],
         dac_bits: 20,
         sensor_is_signed: false,
         reference_span_mv: 14_000,

@@ -75,9 +75,11 @@ pub fn flash(
     println!(
         "the board is reset, so that its drive goes to rest, and stands still until the image has been written"
     );
-    for file in boot_stage.iter().map(PathBuf::as_path).chain([path]) {
-        write(&mut session, file)?;
+    if let Some(file) = &boot_stage {
+        // Its sector ends with the key for updates, which stays.
+        write(&mut session, file, true)?;
     }
+    write(&mut session, path, false)?;
     let mut core = session.core(0).map_err(|error| whole(&error))?;
     core.reset().map_err(|error| {
         format!(
@@ -89,9 +91,10 @@ pub fn flash(
     Ok(())
 }
 
-fn write(session: &mut Session, file: &Path) -> Result<()> {
+fn write(session: &mut Session, file: &Path, keeps_the_rest: bool) -> Result<()> {
     let mut options = DownloadOptions::default();
     options.verify = true;
+    options.keep_unwritten_bytes = keeps_the_rest;
     options.progress = FlashProgress::new(|event| {
         if let ProgressEvent::Started(operation) = event {
             let what = match operation {

@@ -4,7 +4,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::filter_design::FilterSetting;
-use hysteron_core::firmware_update::ImageHeader;
+use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
@@ -245,12 +245,12 @@ pub trait Device {
         Err(UpdateRefusal::Unsupported)
     }
 
-    /// Lets the image be verified against its checksum and installed by the next start; `false` as for a
-    /// piece.
+    /// Lets the image be verified against its authentication code and installed by the next start; `false` as
+    /// for a piece.
     ///
     /// # Errors
     /// Why not.
-    fn commit_update(&mut self, _checksum: u32) -> Result<bool, UpdateRefusal> {
+    fn commit_update(&mut self, _code: &AuthenticationCode) -> Result<bool, UpdateRefusal> {
         Err(UpdateRefusal::Unsupported)
     }
 

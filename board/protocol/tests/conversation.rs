@@ -61,7 +61,7 @@ impl Rig {
             self.latest = self
                 .amplifier
                 .tick(self.sensor_is_there.then_some(code), false);
-            let c = self.amplifier.parameters().servo.converters;
+            let c = self.amplifier.servo().parameters().converters;
             let error = self.latest.reference - c.position(code);
             if self.amplifier.mode() == Mode::Closed {
                 self.telemetry
@@ -95,7 +95,7 @@ impl Device for Shared {
             dac_code: rig.latest.dac_code,
             monitor_code: rig.monitor_code,
             reference: rig.latest.reference,
-            adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
+            adc_zero: rig.amplifier.servo().parameters().converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),
             powered: rig.amplifier.powered(),
@@ -431,10 +431,16 @@ fn who_is_there() {
 fn a_target_without_room_for_an_update_says_so() {
     let mut table = Table::new();
     assert_eq!(table.ask("UPD?"), "STATE=UNSUPPORTED\n");
-    for line in ["UPD BEGIN 4096", "UPD DATA 0 00ff", "UPD COMMIT 0x12345678"] {
+    for line in [
+        "UPD BEGIN 4096",
+        "UPD DATA 0 00ff",
+        "UPD COMMIT 000102030405060708090a0b0c0d0e0f",
+    ] {
         table.tell(line, 4002);
     }
-    table.tell("UPD DATA 0 xyz", 1);
+    for line in ["UPD DATA 0 xyz", "UPD COMMIT 0x12345678", "UPD COMMIT 0001"] {
+        table.tell(line, 1);
+    }
 }
 
 #[test]
@@ -1121,6 +1127,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     );
     let envelope = SafetyEnvelope {
         name: [0; 16],
+        stage: *b"117042917\0\0\0\0\0\0\0",
         dac_bits: 20,
         sensor_is_signed: false,
         reference_span_mv: 14_000,
@@ -1162,6 +1169,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     let said = table.ask("ENV?");
     assert!(
         said.contains(&format!("CHECKSUM={checksum:#010x}"))
+            && said.contains("STAGE=117042917")
             && said.contains("DRIVE=0.000 20.000 V"),
         "{said}"
     );

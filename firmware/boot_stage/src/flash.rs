@@ -2,11 +2,11 @@
 //! bytes may have started with the supply, is fed meanwhile.
 
 use hysteron_core::firmware_update::{UpdateFlash, WORD_BYTES, Word};
-pub use stm32_metapac::flash::Bank;
+use hysteron_firmware_shared::flash_end;
+use hysteron_firmware_shared::flash_read::{self, FlashInterface};
+use stm32_metapac::flash::Bank;
 use stm32_metapac::iwdg::vals::Key;
 use stm32_metapac::{FLASH, IWDG1};
-
-use crate::{flash_end, flash_read};
 
 const FLASH_BEGIN: u32 = 0x0800_0000;
 const BANK_BYTES: u32 = 1 << 20;
@@ -65,11 +65,32 @@ fn barrier() {
     cortex_m::asm::isb();
 }
 
+/// Clears the flags of double ECC errors.
+fn forget_damage() {
+    for nth in 0..2 {
+        FLASH.bank(nth).ccr().write(|w| w.set_clr_dbeccerr(true));
+    }
+}
+
+impl FlashInterface for Flash {
+    fn begin_reading() {
+        forget_damage();
+    }
+
+    fn end_reading() -> bool {
+        let damaged = FLASH.bank(0).sr().read().dbeccerr() || FLASH.bank(1).sr().read().dbeccerr();
+        if damaged {
+            forget_damage();
+        }
+        damaged
+    }
+}
+
 impl UpdateFlash for Flash {
     fn word(&mut self, address: u32) -> Option<Word> {
         feed_watchdog();
         let mut word = [0; WORD_BYTES];
-        flash_read::copy(address, &mut word).ok()?;
+        flash_read::copy::<Self>(address, &mut word).ok()?;
         Some(word)
     }
 

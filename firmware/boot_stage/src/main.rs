@@ -7,15 +7,7 @@
 #![no_std]
 #![no_main]
 
-mod board;
-#[path = "../../src/control_code.rs"]
-mod control_code;
 mod flash;
-#[path = "../../src/board/nucleo_h743zi/flash_end.rs"]
-mod flash_end;
-#[path = "../../src/flash_read.rs"]
-#[allow(dead_code)] // which word it was is nobody's question here
-mod flash_read;
 
 use core::panic::PanicInfo;
 

@@ -26,37 +26,19 @@
 #![no_std]
 #![no_main]
 
-#[path = "../board/mod.rs"]
-#[allow(dead_code)] // this image needs less of a board than the firmware
-mod board;
-#[path = "../control_code.rs"]
-mod control_code;
-#[path = "../critical_section_below_control.rs"]
-mod critical_section_below_control;
-#[path = "../flash_read.rs"]
-mod flash_read;
-#[path = "../front_end.rs"]
-mod front_end;
-#[path = "../safety_lines.rs"]
-#[allow(dead_code)] // no output of it is used here
-mod safety_lines;
-#[path = "../sample_clock.rs"]
-mod sample_clock;
-#[path = "../task_clock.rs"]
-mod task_clock;
-
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_executor::Spawner;
 use embassy_stm32::pac::TIM2 as TIMER;
 use embassy_time::Timer;
-use rtt_target::{ChannelMode, rtt_init};
-
-use board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
-use front_end::{FrontEnd, Wiring};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
+use hysteron_firmware::board::{self, Board, Converters, Platform, SAMPLE_RATE_HZ};
+use hysteron_firmware::front_end::{FrontEnd, Wiring};
+use hysteron_firmware::{safety_lines, sample_clock};
+use hysteron_firmware_shared::flash_read;
+use rtt_target::{ChannelMode, rtt_init};
 
 /// Ticks of one experiment.
 const TICKS: u32 = 4096;
@@ -262,14 +244,14 @@ async fn flash_keeps() -> bool {
         return false;
     }
     let mut kept = [0; 96];
-    flash_read::copy(Board::SPARE_SECTOR, &mut kept).is_ok() && kept == bytes
+    flash_read::copy::<Board>(Board::SPARE_SECTOR, &mut kept).is_ok() && kept == bytes
 }
 
 /// Whether a read that ends in a bus error, as that of a word with a double ECC error does, leaves the
 /// program running.
 fn bus_error_survives() -> bool {
     let mut word = [0; 32];
-    flash_read::copy(Board::BEYOND_FLASH, &mut word)
+    flash_read::copy::<Board>(Board::BEYOND_FLASH, &mut word)
         .is_err_and(|unreadable| unreadable.0 == Board::BEYOND_FLASH)
 }
 
@@ -286,7 +268,7 @@ fn refuse(reason: &str) -> ! {
 /// The board's safety envelope.
 fn envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
-    flash_read::copy(Board::ENVELOPE, &mut bytes).ok()?;
+    flash_read::copy::<Board>(Board::ENVELOPE, &mut bytes).ok()?;
     safety_envelope::read(&bytes)
         .ok()
         .filter(|envelope| envelope.dac_bits == Converters::BITS.dac)
@@ -316,18 +298,12 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     end(101)
 }
 
-/// What a lost crystal and a falling supply end in here.
-mod fault {
-    /// Ends the program.
-    pub fn stop(_: hysteron_core::guard::Fault) -> ! {
-        super::end(102)
+/// A lost crystal ends the program.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    if Board::cause_of_nmi().is_some() {
+        end(102)
     }
-}
-
-/// The serial port is not opened here.
-mod serial_line {
-    /// Never called.
-    pub fn on_interrupt() {}
 }
 
 #[embassy_executor::main]

@@ -10,13 +10,9 @@
 #![no_std]
 #![no_main]
 
-#[path = "../control_code.rs"]
-mod control_code;
-
 use core::hint::black_box;
 
 use cortex_m::peripheral::DWT;
-use embassy_stm32::pac::iwdg::vals::Key; // with it comes the vector table
 use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{AdaptationParameters, MOST};
@@ -30,17 +26,8 @@ use hysteron_core::servo_parameters::{
 };
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
+use hysteron_firmware::board;
 use rtt_target::{ChannelMode, rtt_init};
-
-struct NoInterrupts;
-critical_section::set_impl!(NoInterrupts);
-// SAFETY: no interrupt is ever enabled in this image.
-unsafe impl critical_section::Impl for NoInterrupts {
-    unsafe fn acquire() -> critical_section::RawRestoreState {
-        0
-    }
-    unsafe fn release(_: critical_section::RawRestoreState) {}
-}
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo) -> ! {
@@ -52,15 +39,6 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 
 /// The block that the emulated target's tests close the loop with.
 static BLOCK: &[u8] = include_bytes!("../../../board/emulator/tests/p753.block");
-
-/// Feeds the watchdog, which the option bytes may have started with the supply.
-fn feed_watchdog() {
-    #[cfg(feature = "nucleo-g474re")]
-    use embassy_stm32::pac::IWDG as WATCHDOG;
-    #[cfg(feature = "nucleo-h743zi")]
-    use embassy_stm32::pac::IWDG1 as WATCHDOG;
-    WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
-}
 
 /// Counts of one case.
 struct Cost {
@@ -95,7 +73,7 @@ impl Cost {
         self.most = self.most.max(cycles);
         self.sum = self.sum.wrapping_add(cycles);
         self.ticks += 1;
-        feed_watchdog();
+        board::feed_watchdog();
     }
 
     fn say(&self, name: &str, servo: &ServoTick) {
@@ -196,7 +174,7 @@ fn main() -> ! {
     }
     defmt::info!("tick cost done");
     loop {
-        feed_watchdog();
+        board::feed_watchdog();
     }
 }
 

@@ -404,6 +404,11 @@ Behind modes it goes once a period, by the values at the ends of periods.",
             .collect()
     }
 
+    fn free_share(&self, values: &[f64]) -> f64 {
+        let shares = values.chunks_exact(2).map(|pair| pair[0]);
+        shares.fold(EXPECTED_SHARE, f64::max)
+    }
+
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0 && count.is_multiple_of(2))
             .then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)

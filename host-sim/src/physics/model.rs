@@ -63,6 +63,11 @@ pub trait Effect: Send + Sync {
         Vec::new()
     }
 
+    /// How far a free motion can be away from rest at a first sample, as a share of the range of the motion.
+    fn free_share(&self, _values: &[f64]) -> f64 {
+        1.0
+    }
+
     /// Frequencies in Hz of lines whose phase is arbitrary in every record.
     ///
     /// Sine and cosine of each, in this order, are its last values; the others of an effect in `model` may

@@ -72,8 +72,21 @@ pub struct RecordStart {
     pub offset_is_fitted: bool,
     /// The constant, um.
     pub offset_um: f64,
+    /// The constant where nothing moves at the start; none where nobody looked.
+    pub at_rest: Option<OffsetAtRest>,
     /// Free motions, each with its cosine and its sine at the first sample, um.
     pub motions: Vec<(FreeMotion, [f64; 2])>,
+}
+
+/// The constant of a file beside motions that its states can have, for a drive that begins at rest elsewhere.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OffsetAtRest {
+    /// The constant, um.
+    pub offset_um: f64,
+    /// Its standard deviation beside the values of the model, um.
+    pub std_um: f64,
+    /// What it becomes more along each column of the covariance's factor, um; empty where nobody looked.
+    pub moves_um: Vec<f64>,
 }
 
 impl RecordStart {
@@ -86,6 +99,7 @@ impl RecordStart {
             state,
             offset_is_fitted: false,
             offset_um: 0.0,
+            at_rest: None,
             motions: Vec::new(),
         }
     }

@@ -142,9 +142,31 @@ enum BoardCommand {
     Update {
         /// The image, an ELF file, as `cargo xtask firmware` builds it
         image: PathBuf,
+        /// Its authentication code, as `board sign` prints it
+        #[arg(long, value_name = "HEX")]
+        code: String,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
+    },
+    /// Print the authentication code without which the board takes no image
+    Sign {
+        /// The image, an ELF file, as `cargo xtask firmware` builds it
+        image: PathBuf,
+        /// The board's key, 32 hexadecimal digits
+        #[arg(long, value_name = "FILE")]
+        key: PathBuf,
+    },
+    /// Write the boot stage's sector with a key, for the debug probe: the only way in which a board gets one
+    BootSector {
+        /// The boot stage, an ELF file, as `cargo xtask firmware` builds it
+        stage: PathBuf,
+        /// The board's key, 32 hexadecimal digits
+        #[arg(long, value_name = "FILE")]
+        key: PathBuf,
+        /// The sector
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
     },
     /// Say what a safety envelope allows, and bring it to the board where its checksum is named
     Envelope {
@@ -384,7 +406,11 @@ fn obey(command: BoardCommand) -> Result<bool> {
             line,
         } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
-        BoardCommand::Update { image, line } => update::update(&image, &line),
+        BoardCommand::Update { image, code, line } => update::update(&image, &code, &line),
+        BoardCommand::Sign { image, key } => update::sign(&image, &key),
+        BoardCommand::BootSector { stage, key, out } => {
+            update::write_boot_sector(&stage, &key, &out)
+        }
         BoardCommand::Envelope {
             file,
             checksum,

@@ -18,7 +18,7 @@ use crate::read_arguments::ReadArguments;
 use crate::reproduce;
 use crate::{
     add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build,
-    identify, manual, plant, score, screen, simulate, survey, track,
+    identify, manual, plant, score, screen, simulate, stepping, survey, track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -138,6 +138,18 @@ enum Command {
         reading: ReadArguments,
         #[command(flatten)]
         outputs: RecordingOutputs,
+    },
+    /// Measure a stick-slip drive: velocity, step, scatter, backward step and swing at the stop
+    #[command(after_help = "Example:\n  hysteron stepping recording.csv --report stepping.html")]
+    Stepping {
+        /// Data set: drive of the piezo, position of the slider
+        dataset: PathBuf,
+        #[command(flatten)]
+        rig: stepping::RigArguments,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: Outputs,
     },
     /// What a model's sensor would read under a drive
     #[command(
@@ -564,6 +576,7 @@ fn dispatch(command: Command) -> Result<bool> {
             let wanted = simulate::SimulateRequest { model: &model, drive: &drive, initial: initial.as_deref(), rate_hz };
             simulate::simulate(&wanted, &reading, &out, force)
         }
+        Command::Stepping { dataset, rig, reading, outputs } => stepping::stepping(&dataset, &rig, &reading, &outputs),
         Command::Export { model, language, rate_hz, initial, inverse, out, force, reading } => {
             let wanted = export::ExportRequest { model: &model, language: &language, rate_hz, initial: initial.as_deref(), inverse };
             export::export(&wanted, &reading, out.as_deref(), force)

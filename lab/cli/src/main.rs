@@ -37,6 +37,7 @@ mod reproduce;
 mod score;
 mod screen;
 mod simulate;
+mod stepping;
 mod survey;
 mod tables;
 mod track;

@@ -151,8 +151,9 @@ fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
     let kind = parts.next().unwrap_or_default();
     let numbers: Vec<f64> = parts
         .map(|p| {
-            p.parse::<f64>()
-                .map_err(|_| Error::new("--drive", format!("`{p}` in `{text}` is not a number")))
+            let number = p.parse::<f64>().ok().filter(|number| number.is_finite());
+            let wrong = || Error::new("--drive", format!("`{p}` in `{text}` is not a number"));
+            number.ok_or_else(wrong)
         })
         .collect::<Result<_>>()?;
     let seconds = *numbers.last().ok_or_else(unknown)?;

@@ -18,7 +18,7 @@ use hysteron_report::survey_page;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::channel;
@@ -105,7 +105,18 @@ fn line(value: &impl Serialize) -> Result<String> {
     Ok(text + "\n")
 }
 
-/// The recordings below a folder, by their paths there: files, and folders with a manifest.
+/// Whether a file is a page, or has a schema of this program: rows, models, servos, figures.
+fn was_written_here(path: &Path) -> bool {
+    let mut bytes = Vec::new();
+    // What cannot be read is reported as a recording that cannot be.
+    let read = File::open(path).and_then(|file| file.take(200).read_to_end(&mut bytes));
+    let beginning = String::from_utf8_lossy(&bytes).to_ascii_lowercase();
+    let has_schema = beginning.contains("schema") && beginning.contains("\"hysteron.");
+    read.is_ok() && (beginning.starts_with("<!doctype html") || has_schema)
+}
+
+/// The recordings below a folder, by their paths there: files, and folders with a manifest. What the program
+/// wrote there before is none.
 fn recordings_in(folder: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let mut open = vec![PathBuf::new()];
@@ -122,7 +133,7 @@ fn recordings_in(folder: &Path) -> Result<Vec<String>> {
             }
             if at.is_dir() && !at.join("dataset.toml").is_file() {
                 open.push(path);
-            } else {
+            } else if !at.is_file() || !was_written_here(&at) {
                 let parts = path.iter().map(|part| part.to_string_lossy());
                 found.push(parts.collect::<Vec<_>>().join("/"));
             }
@@ -359,6 +370,14 @@ pub fn survey(wanted: &SurveyRequest, reading: &ReadArguments, outputs: &Outputs
     desk.write_page(outputs.report.as_deref(), || {
         survey_page(&survey, as_typed())
     })?;
+    let mut verdicts = std::collections::BTreeMap::<&str, usize>::new();
+    for row in survey.good() {
+        *verdicts.entry(&row.verdict).or_default() += 1;
+    }
+    let counts: Vec<String> = (verdicts.iter())
+        .map(|(verdict, count)| format!("{count} {verdict}"))
+        .collect();
+    println!("verdicts: {}", counts.join(", "));
     println!(
         "{} stand out, {} values of units differ, {} could not be read; rows: {}",
         survey.outliers.len(),

@@ -260,11 +260,12 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         ));
         grown = grown_from(&start, &study)?;
     }
+    grown.stopped |= watch.stopped();
     if grown.ended_early {
-        floor.warnings.push(
-            "the search ended where it was when its time was over: with more it may find more"
-                .to_owned(),
-        );
+        floor.warnings.push(format!(
+            "the search ended before it found nothing more. {}",
+            words::to_go_on(&study.budget)
+        ));
     }
     let quantised = quantise(&mut grown.steps, &floor, &study.overview);
     let mut retry = None;
@@ -293,6 +294,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         };
         retry = quality::corrected(dataset, &after);
         issues.extend(after);
+        issues.sort_by_key(|issue| issue.severity != Severity::Blocks);
     }
     let last = grown.steps[grown.steps.len() - 1].judged.clone();
     let mut model = last.model.clone();
@@ -518,6 +520,13 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         {
             break;
         }
+    }
+    if study.watch.stopped() {
+        return Ok(Grown {
+            stopped: true,
+            beside_start,
+            ..best_so_far(study, &search.pool, base)
+        });
     }
     let (ended_early, untested, mut pool) = (search.out_of_time, search.untested, search.pool);
     budget.work.enter(Stage::Report);

@@ -99,6 +99,8 @@ pub mod spectrum;
 #[doc(hidden)]
 pub mod statistics;
 #[doc(hidden)]
+pub mod stepping;
+#[doc(hidden)]
 pub mod survey;
 #[doc(hidden)]
 pub mod sweep;

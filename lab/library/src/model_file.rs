@@ -9,7 +9,7 @@ use hysteron_sim::chain::{EffectInstance, Identified, InitialState, Model, Param
 use hysteron_sim::effect::expression::ExpressionEffect;
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Parameter, Scale, by_id, registry};
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::physics::{RecordStart, Recorded};
+use hysteron_sim::physics::{OffsetAtRest, RecordStart, Recorded};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -73,6 +73,13 @@ struct StartEntry {
     state: String,
     offset: String,
     offset_um: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    offset_at_rest_um: Option<f64>,
+    #[serde(default)]
+    offset_at_rest_std_um: f64,
+    /// Its change along each column of the factor, um, as one text.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    offset_at_rest_moves_um: String,
     motions: Vec<String>,
 }
 
@@ -112,6 +119,10 @@ impl StartEntry {
             }
             .into(),
             offset_um: start.offset_um,
+            offset_at_rest_um: start.at_rest.as_ref().map(|rest| rest.offset_um),
+            offset_at_rest_std_um: start.at_rest.as_ref().map_or(0.0, |rest| rest.std_um),
+            offset_at_rest_moves_um: (start.at_rest.as_ref())
+                .map_or_else(String::new, |rest| row(&rest.moves_um, 6)),
             motions: start.motions.iter().map(motion).collect(),
         }
     }
@@ -127,9 +138,18 @@ impl StartEntry {
             )),
             _ => Err(format!("`{text}` is no motion; expected four numbers")),
         };
-        if !(self.drive_v.is_finite() && self.offset_um.is_finite()) {
+        let figures = [
+            self.drive_v,
+            self.offset_um,
+            self.offset_at_rest_um.unwrap_or_default(),
+            self.offset_at_rest_std_um,
+        ];
+        let (true, Some(moves_um)) = (
+            figures.iter().all(|figure| figure.is_finite()),
+            numbers(&self.offset_at_rest_moves_um),
+        ) else {
             return Err("a figure is no number".into());
-        }
+        };
         Ok(RecordStart {
             drive_v: self.drive_v,
             state: InitialState::named(&self.state)
@@ -140,6 +160,11 @@ impl StartEntry {
                 other => return Err(format!("offset = `{other}`; expected fit or zero")),
             },
             offset_um: self.offset_um,
+            at_rest: self.offset_at_rest_um.map(|offset_um| OffsetAtRest {
+                offset_um,
+                std_um: self.offset_at_rest_std_um,
+                moves_um,
+            }),
             motions: self
                 .motions
                 .iter()

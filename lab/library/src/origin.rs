@@ -3,17 +3,19 @@
 
 use crate::dataset::timing::Timing;
 use crate::dataset::{Dataset, PlayedDrive, Record, Role};
+use crate::diagnosis::words::nm;
 use crate::error::{Error, Result};
 use crate::identification::fit::rms_over;
 use crate::identification::linearisation::raw_residual;
-use crate::identification::nuisance_terms::{OwnMotions, Samples};
+use crate::identification::nuisance_terms::{OwnAmounts, Samples};
 use crate::parallel;
-use crate::prediction::{BAND_95, Prediction, calibrated, predict};
+use crate::prediction::{BAND_95, Prediction, calibrated, constant_moves_um, predict};
 use crate::replay::{files, whole};
 use crate::statistics::extremes;
 use hysteron_sim::chain::{Drive, Identified, InitialState, Model};
+use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
-use hysteron_sim::physics::{RecordStart, Recorded};
+use hysteron_sim::physics::{OffsetAtRest, RecordStart, Recorded};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -78,25 +80,50 @@ pub fn note_origin(model: &mut Model, dataset: &Dataset, fitted: &[usize]) {
         let known = Arc::make_mut(model.identified.get_or_insert_default());
         (known.spread_share, known.band_95) = (share, times);
     }
+    // Drives that are none of the files begin with the constant of the first one.
+    if let Some(first) = files(dataset).first() {
+        let whole = whole(dataset, first);
+        let (_, weights) = start_and_weights(model, &whole);
+        let moves_um = constant_moves_um(model, &whole, &weights);
+        let known = Arc::make_mut(model.identified.get_or_insert_default());
+        if let Some(at_rest) = &mut known.recorded.starts[0].at_rest {
+            at_rest.moves_um = moves_um;
+        }
+    }
 }
 
 /// How a file begins beside a model, as far as its readings show it.
 pub fn start_of(model: &Model, whole: &Record) -> RecordStart {
+    start_and_weights(model, whole).0
+}
+
+/// How a file begins beside a model, and which samples make its constant, with their weights.
+fn start_and_weights(model: &Model, whole: &Record) -> (RecordStart, Vec<(usize, f64)>) {
     let mut samples = Samples::counted(whole);
     if samples.count() > START_SAMPLES {
         let apart = samples.count().div_ceil(START_SAMPLES);
         samples = Samples::Some(samples.iter().step_by(apart).collect());
     }
     let left = raw_residual(&model.before_rounding(), whole, &samples);
-    let (offset_um, motions) = OwnMotions::of(model, whole).amplitudes(whole, &samples, &left);
-    RecordStart {
+    let own = OwnAmounts::of(model, whole, &samples, &left);
+    let weights = samples
+        .iter()
+        .zip(own.at_rest_weights.iter().copied())
+        .collect();
+    let start = RecordStart {
         file: whole.name.clone(),
         drive_v: whole.drive_v.first().copied().unwrap_or_default(),
         state: whole.initial_state,
         offset_is_fitted: whole.offset_is_fitted,
-        offset_um,
-        motions,
-    }
+        offset_um: own.constant_um,
+        at_rest: whole.offset_is_fitted.then_some(OffsetAtRest {
+            offset_um: own.constant_at_rest_um,
+            std_um: own.at_rest_std_um,
+            moves_um: Vec::new(),
+        }),
+        motions: own.motions,
+    };
+    (start, weights)
 }
 
 /// The model with the date of its fit, where none is noted.
@@ -321,7 +348,19 @@ impl Initial {
             intersample: way.intersample,
             ..*drive
         };
-        Ok((predict(model, &acting, &start, place)?, words))
+        let predicted = predict(model, &acting, &start, place)?;
+        let half_um = predicted
+            .half_band_um
+            .as_ref()
+            .and_then(|half| half.first());
+        let words = match half_um {
+            Some(half_um) if start.file.is_empty() => format!(
+                "{words}; its position there is known to +-{} nm",
+                nm(*half_um)
+            ),
+            _ => words,
+        };
+        Ok((predicted, words))
     }
 
     /// The start that an export carries, and how near a drive has to begin to it for its motions to be there,
@@ -332,7 +371,7 @@ impl Initial {
         match (self, first) {
             (Self::State(state), _) => (RecordStart::resting(*state, 0.0), 0.0),
             (Self::As(start), _) => (start.clone(), f64::MAX),
-            (Self::AsRecorded, Some(start)) => (start.clone(), near_v(model)),
+            (Self::AsRecorded, Some(start)) => (near_or_at_rest(start), near_v(model)),
             (Self::AsRecorded, None) => (RecordStart::resting(InitialState::Virgin, 0.0), 0.0),
         }
     }
@@ -365,9 +404,27 @@ impl Initial {
     }
 }
 
+/// A start whose constant is that at rest: what the record has beside it is a motion that stands still, which
+/// like all motions is there for drives that begin as the record does.
+fn near_or_at_rest(start: &RecordStart) -> RecordStart {
+    let mut out = start.clone();
+    if let Some(at_rest) = &start.at_rest {
+        let stands = FreeMotion {
+            decay_per_s: 0.0,
+            frequency_rad_s: 0.0,
+        };
+        out.motions
+            .push((stands, [start.offset_um - at_rest.offset_um, 0.0]));
+        out.offset_um = at_rest.offset_um;
+    }
+    out
+}
+
 /// The start of a record with nothing moving, for a drive that begins elsewhere.
 fn at_rest(start: &RecordStart, first_v: f64) -> RecordStart {
     RecordStart {
+        file: String::new(),
+        offset_um: (start.at_rest.as_ref()).map_or(start.offset_um, |rest| rest.offset_um),
         motions: Vec::new(),
         drive_v: first_v,
         state: match start.state {

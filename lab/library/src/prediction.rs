@@ -10,7 +10,8 @@
 //!
 //! A drive beyond what was recorded gets the whole spread. There creep that no record shows adds to it, a term
 //! for each decade of time beyond, of the share that stacks are expected to have. Where the voltage is beyond
-//! the recorded one, the slope may be any that the loops have.
+//! the recorded one, the slope may be any that the loops have, and a curve that the error hides goes on: a bare
+//! gain bends too.
 
 use crate::dataset::{Dataset, Record};
 use crate::engineering::loop_figures;
@@ -19,10 +20,10 @@ use crate::identification::nuisance_terms::{Samples, columns, project_out_by_row
 use crate::parallel;
 use crate::replay::files;
 use crate::simulate::simulate;
-use hysteron_sim::chain::{Drive, EffectInstance, Model};
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id, creep};
 use hysteron_sim::physics::{Identified, RecordStart};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 /// Standard deviations on either side of a 95 % band.
 pub const BAND_95: f64 = 1.96;
@@ -83,8 +84,10 @@ fn half_band_um(
 ) -> Option<Vec<f64>> {
     let known = model.identified.as_deref()?;
     let spread = squared_spread(model, known, drive, start, base_um)?;
+    // Judged samples say how far spread counts behind the start of their own file.
+    let as_judged = !start.file.is_empty() && beyond(model, drive).is_empty();
     let share = match known.spread_share {
-        share if share > 0.0 && beyond(model, drive).is_empty() => share,
+        share if share > 0.0 && as_judged => share,
         _ => 1.0,
     };
     let times = match known.band_95 {
@@ -129,27 +132,61 @@ fn squared_spread(
             vec![0.0; samples],
         )
     };
-    let own = columns(model, &record, &Samples::Every(0..samples));
+    // With no motion that begins, a change of the values moves the constant as it does on the record.
+    let at_rest = start
+        .at_rest
+        .as_ref()
+        .filter(|_| start.state != InitialState::Unknown)
+        .filter(|rest| rest.moves_um.len() == known.factor.len());
+    let own = match at_rest {
+        Some(_) => DMatrix::zeros(samples, 0),
+        None => columns(model, &record, &Samples::Every(0..samples)),
+    };
     let recorded: Vec<usize> =
         (0..samples.min((known.seconds / drive.dt_s).ceil() as usize)).collect();
-    let moved = (0..known.factor.len())
-        .map(|column| along_column(model, known, column))
-        .collect::<Option<Vec<(Model, f64)>>>()?;
-    let mut sums = vec![0.0; samples];
-    for some in moved.chunks(SIDE_BY_SIDE) {
-        for differs in parallel::map(some, |(moved, share)| {
-            let moved = moved.before_rounding().simulate(drive);
-            let differ = moved.iter().zip(base_um).map(|(a, b)| (a - b) / share);
-            let mut differs = DVector::from_iterator(samples, differ);
-            project_out_by_rows(&own, &recorded, &mut differs);
-            differs
+    let of_constant = at_rest.map_or(0.0, |rest| rest.std_um.powi(2));
+    let mut sums = vec![of_constant; samples];
+    let columns: Vec<usize> = (0..known.factor.len()).collect();
+    for some in columns.chunks(SIDE_BY_SIDE) {
+        for differs in parallel::map(some, |column| {
+            let mut differs = along_column(model, known, *column, drive, base_um)?;
+            match at_rest {
+                Some(rest) => differs.add_scalar_mut(rest.moves_um[*column]),
+                None => project_out_by_rows(&own, &recorded, &mut differs),
+            }
+            Some(differs)
         }) {
             sums.iter_mut()
-                .zip(&differs)
+                .zip(&differs?)
                 .for_each(|(sum, d)| *sum += d * d);
         }
     }
     Some(sums)
+}
+
+/// What the constant of a record becomes more along each column of the factor of the covariance, um, where it
+/// is the sum of its residuals with these weights; empty where the model lacks a value.
+pub(crate) fn constant_moves_um(
+    model: &Model,
+    record: &Record,
+    weights: &[(usize, f64)],
+) -> Vec<f64> {
+    let Some(known) = model.identified.as_deref() else {
+        return Vec::new();
+    };
+    let drive = record.whole_drive();
+    let base_um = model.before_rounding().simulate(&drive);
+    let columns: Vec<usize> = (0..known.factor.len()).collect();
+    let moves = parallel::map(&columns, |column| {
+        let differs = along_column(model, known, *column, &drive, &base_um)?;
+        Some(
+            -weights
+                .iter()
+                .map(|(k, weight)| weight * differs[*k])
+                .sum::<f64>(),
+        )
+    });
+    moves.into_iter().collect::<Option<_>>().unwrap_or_default()
 }
 
 /// The model with its band calibrated on the samples of records that judge: each file simulated from its start,
@@ -197,9 +234,15 @@ pub(crate) fn calibrated(model: &Model, dataset: &Dataset, judges: &[usize]) -> 
     (times.is_finite() && share > 0.0).then_some([share, *times])
 }
 
-/// The model moved a small way along a column of the factor of its covariance, and the share of the column
-/// that this is; none where the model lacks a value.
-fn along_column(model: &Model, known: &Identified, column: usize) -> Option<(Model, f64)> {
+/// What a step along a column of the factor of the covariance makes of a reading, by a small share of it; none
+/// where the model lacks a value.
+fn along_column(
+    model: &Model,
+    known: &Identified,
+    column: usize,
+    drive: &Drive,
+    base_um: &[f64],
+) -> Option<DVector<f64>> {
     let moves = || {
         let rows = known.factor.iter().skip(column);
         rows.filter_map(|row| row.get(column))
@@ -215,28 +258,45 @@ fn along_column(model: &Model, known: &Identified, column: usize) -> Option<(Mod
             .find(|p| p.parameter.name == *parameter)?;
         value.set_coordinate(value.coordinate() + share * by);
     }
-    Some((moved, share))
+    let moved_um = moved.before_rounding().simulate(drive);
+    let differs = moved_um.iter().zip(base_um).map(|(a, b)| (a - b) / share);
+    Some(DVector::from_iterator(base_um.len(), differs))
 }
 
 /// How far the reading may be off because voltage goes beyond the recorded one, um: what that makes of the
-/// reading, times the share by which the slopes of the loops differ from their mean. Empty inside the range.
+/// reading, times the share by which the slopes of the loops differ from their mean, and the curve over the
+/// voltage that the error can hide. Empty inside the range.
 fn beyond_range_um(model: &Model, known: &Identified, drive: &Drive, base_um: &[f64]) -> Vec<f64> {
     let inside_v: Vec<f64> = drive
         .drive_v
         .iter()
         .map(|u| u.max(known.low_v).min(known.high_v))
         .collect();
-    let (true, Some(loops)) = (inside_v != drive.drive_v, loop_figures(model)) else {
+    if inside_v == drive.drive_v {
         return Vec::new();
-    };
-    let differs = 0.5 * (loops.largest_slope_um_v - loops.least_slope_um_v) / loops.gain_um_v;
+    }
+    let differs = loop_figures(model).map_or(0.0, |loops| {
+        0.5 * (loops.largest_slope_um_v - loops.least_slope_um_v) / loops.gain_um_v
+    });
     let inside = Drive {
         drive_v: &inside_v,
         ..*drive
     };
     let within_um = model.before_rounding().simulate(&inside);
-    let off_um = |(a, b): (&f64, &f64)| (differs * (a - b)).abs();
-    base_um.iter().zip(&within_um).map(off_um).collect()
+    let (middle_v, half_v) = (
+        0.5 * (known.low_v + known.high_v),
+        0.5 * (known.high_v - known.low_v),
+    );
+    // The Legendre polynomial of second degree has the root of a fifth as its RMS.
+    let hidden_um = |u: f64| {
+        let at = ((u - middle_v) / half_v.max(f64::MIN_POSITIVE)).powi(2);
+        1.5 * 5f64.sqrt() * known.error_um * (at - 1.0).max(0.0)
+    };
+    (base_um.iter().zip(&within_um).zip(drive.drive_v))
+        .map(|((beyond_um, within_um), u)| {
+            (differs * (beyond_um - within_um)).abs() + hidden_um(*u)
+        })
+        .collect()
 }
 
 /// The model with one more term of creep for each decade of time that the drive lasts beyond what was

@@ -52,7 +52,8 @@
 //!   on nothing;
 //! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the
 //!   one from what the library found;
-//! - `servo_plots` and `track_page`: a servo, its loop and its work; `survey_page`: many recordings;
+//! - `servo_plots` and `track_page`: a servo, its loop and its work; `survey_page`: many recordings; `stepping_page`:
+//!   a stick-slip drive;
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
 //!   that moves.
 
@@ -71,6 +72,7 @@ mod of_findings;
 mod page;
 mod servo_plots;
 pub mod servo_words;
+mod stepping_page;
 mod survey_page;
 mod text;
 mod track_page;
@@ -90,5 +92,6 @@ pub use page::{
     Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep, When, Width,
 };
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};
+pub use stepping_page::stepping_page;
 pub use survey_page::survey_page;
 pub use track_page::{TrackPage, step_section};

@@ -1,5 +1,6 @@
 //! Findings of a servo in sentences, for screens, pages and the lab.
 
+use hysteron::servo::check::below_one;
 use hysteron::servo::known::OnPlants;
 use hysteron::servo::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 use hysteron::servo::members::{OnMember, PlantBand};
@@ -167,13 +168,20 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             |v| format!("{:.digits$}{unit}", scale * v),
         )
     };
+    // A slow loop has a bandwidth of less than one.
+    let hertz = |hz: Option<f64>| match hz {
+        Some(slow) if slow < 9.5 => value(hz, 1.0, if slow < 0.1 { 4 } else { 2 }, " Hz"),
+        _ => value(hz, 1.0, 0, " Hz"),
+    };
     let first = &m.first_unstable;
     let [least, mean, most] = m.gain_ratio;
     let mut lines = vec![
         format!("worst case: {}", m.worst_case),
         format!(
-            "the actuator's gain over the one that the law inverts: {least:.2} to {most:.2}, {mean:.2} over the range; largest eigenvalue there {:.4}, {:.4}, {:.4}",
-            m.spectral_radius[0], m.spectral_radius[2], m.spectral_radius[1]
+            "the actuator's gain over the one that the law inverts: {least:.2} to {most:.2}, {mean:.2} over the range; largest eigenvalue there {}, {}, {}",
+            below_one(m.spectral_radius[0]),
+            below_one(m.spectral_radius[2]),
+            below_one(m.spectral_radius[1])
         ),
     ];
     if m.spectral_radius[1] < 1.0 {
@@ -181,8 +189,8 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             "gain margin {}, phase margin {}, bandwidth {}, references to {}, peak sensitivity {:.2} at {:.0} Hz, {:.2} of the sensor's noise becomes motion",
             m.gain_margin.map_or_else(|| "none found".to_owned(), |g| format!("{:.1} dB (x {g:.2})", decibels(g))),
             value(m.phase_margin_deg, 1.0, 0, " degrees"),
-            value(m.bandwidth_hz, 1.0, 0, " Hz"),
-            value(m.reference_bandwidth_hz, 1.0, 0, " Hz"),
+            hertz(m.bandwidth_hz),
+            hertz(m.reference_bandwidth_hz),
             m.sensitivity_peak,
             m.sensitivity_peak_hz,
             m.noise_transmission

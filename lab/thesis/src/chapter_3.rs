@@ -7,15 +7,15 @@
 
 use super::least_squares::{self, Estimate};
 use crate::chapter::{Chapter, ChapterProgress, ChapterRow, errata};
+use hysteron::servo::stepping_contact::{IdentifiedContact, identify_contact};
 use hysteron::statistics::{difference, largest, mean, rms};
+use hysteron::{Record, stepping};
 use hysteron_report::{CurveRole, PageBlock, Plot, Section, Series, Style, Table, Width};
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
 use hysteron_sim::noise::WhiteNoise;
-use hysteron_sim::stick_slip::{
-    Integrator, PLATFORM_STIFFNESS_N_UM, SUBSTEPS, StickSlipActuator, average_speed_um_s,
-};
+use hysteron_sim::stick_slip::{Integrator, PLATFORM_STIFFNESS_N_UM, SUBSTEPS, StickSlipActuator};
 use hysteron_sim::waveform;
 use nalgebra::DMatrix;
 
@@ -176,54 +176,6 @@ fn saw_tooth(frequency_hz: f64, height_v: f64, cycles: usize) -> Vec<f64> {
     waveform::saw_tooth(SAMPLE_RATE_HZ, frequency_hz, height_v, 1.0, cycles)
 }
 
-/// Typical sizes of `F_c` in N, `sigma_0` in N/um, `sigma_1` in N s/um, and the logit of `z_b / z_s`, which
-/// keeps it between 0 and 1.
-const TYPICAL_FRICTION: [f64; 4] = [0.03, 0.4, 2e-4, 1.0];
-
-fn friction_from(p: &[f64]) -> ElastoplasticFriction {
-    ElastoplasticFriction {
-        coulomb_force_n: p[0].abs().max(1e-6),
-        stiffness_n_um: p[1].abs().max(1e-6),
-        damping_n_s_um: p[2].abs(),
-        breakaway_ratio: Some(0.97 / (1.0 + (-p[3]).exp())),
-    }
-}
-
-/// Third experiment: the end-effector under a 50 V, 60 Hz saw-tooth; the four constants of the contact by
-/// nonlinear least squares.
-fn identify_friction(
-    model: &StickSlipActuator,
-    drive_v: &[f64],
-    reading_um: &[f64],
-) -> Result<Estimate, String> {
-    let force_um = model.force_equivalent_um(drive_v);
-    let residuals = |p: &[f64]| -> Vec<f64> {
-        let mut trial = model.clone();
-        trial.friction = friction_from(p);
-        let motion = trial.simulate_with(&force_um, SAMPLE_RATE_HZ, Default::default(), 8);
-        difference(&motion.end_effector_um, reading_um)
-    };
-    // The sum of squares has side valleys: a coarse grid finds the right one.
-    let mut starts: Vec<(f64, Vec<f64>)> = Vec::new();
-    for coulomb in [0.01, 0.03, 0.1] {
-        for stiffness in [0.1, 0.4, 1.5] {
-            for damping in [5e-5, 4e-4] {
-                let p = vec![coulomb, stiffness, damping, 0.5];
-                starts.push((rms(&residuals(&p)), p));
-            }
-        }
-    }
-    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    starts
-        .iter()
-        .take(3)
-        .filter_map(|(_, start)| {
-            least_squares::nonlinear(&residuals, start, &TYPICAL_FRICTION, None)
-        })
-        .min_by(|a, b| a.residual_sum.total_cmp(&b.residual_sum))
-        .ok_or_else(|| "the friction could not be identified".into())
-}
-
 /// Average speed over `cycles` saw-teeth, um/s.
 fn speed(
     actuator: &StickSlipActuator,
@@ -232,11 +184,12 @@ fn speed(
     cycles: usize,
     noise_seed: Option<u64>,
 ) -> f64 {
-    let motion = actuator
-        .simulate(&saw_tooth(frequency_hz, height_v, cycles), SAMPLE_RATE_HZ)
-        .end_effector_um;
+    let drive_v = saw_tooth(frequency_hz, height_v, cycles);
+    let motion = actuator.simulate(&drive_v, SAMPLE_RATE_HZ).end_effector_um;
     let reading = noise_seed.map_or(motion.clone(), |seed| noisy(&motion, seed));
-    average_speed_um_s(&reading, SAMPLE_RATE_HZ, frequency_hz)
+    let tape = Record::new("saw-teeth", SAMPLE_RATE_HZ, drive_v, reading);
+    let train = stepping::trains(&tape, 0.0).into_iter().next();
+    train.map_or(0.0, |train| train.velocity_um_s.value)
 }
 
 /// Natural cubic spline through points with ascending abscissae.
@@ -673,14 +626,41 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<ChapterRow>, [Plot;
 }
 
 /// The identified friction beside the printed one (Table I).
-fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<ChapterRow>, Table) {
+fn friction_table(found: &IdentifiedContact) -> (Vec<ChapterRow>, Table) {
     let mut rows = Vec::new();
-    let deviations = friction.standard_deviations();
-    let names = [
-        ("coulomb_force", "F_c", "N", 1.0),
-        ("contact_stiffness", "sigma_0", "N/mm", 1e3),
-        ("contact_damping", "sigma_1", "N/(mm/s)", 1e3),
-        ("breakaway_ratio", "z_b/z_s", "1", 1.0),
+    let values = [
+        (
+            "coulomb_force",
+            "F_c",
+            "N",
+            1.0,
+            found.coulomb_force_n,
+            0.0362,
+        ),
+        (
+            "contact_stiffness",
+            "sigma_0",
+            "N/mm",
+            1e3,
+            found.stiffness_n_um,
+            482.0,
+        ),
+        (
+            "contact_damping",
+            "sigma_1",
+            "N/(mm/s)",
+            1e3,
+            found.damping_n_s_um,
+            0.273,
+        ),
+        (
+            "breakaway_ratio",
+            "z_b/z_s",
+            "1",
+            1.0,
+            found.breakaway_ratio,
+            0.801,
+        ),
     ];
     let mut table = Table {
         title: "Friction (Ch. 3, Table I)".into(),
@@ -689,18 +669,8 @@ fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Chapte
             .to_vec(),
         ..Table::default()
     };
-    for (i, ((key, symbol, unit, scale), printed)) in names
-        .into_iter()
-        .zip([0.0362, 482.0, 0.273, 0.801])
-        .enumerate()
-    {
-        // The ratio was varied as its logit.
-        let (value, std) = if i == 3 {
-            let ratio = model.friction.breakaway_ratio.unwrap_or(0.0);
-            (ratio, deviations[i] * ratio * (1.0 - ratio / 0.97))
-        } else {
-            (friction.values[i].abs() * scale, deviations[i] * scale)
-        };
+    for (key, symbol, unit, scale, found, printed) in values {
+        let (value, std) = (scale * found.value, scale * found.std);
         rows.push(ChapterRow::new(
             format!("ch3.friction.{key}"),
             value,
@@ -731,7 +701,7 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         platform_stiffness_n_um: PLATFORM_STIFFNESS_N_UM,
         natural_frequency_rad_s: platform.values[0],
         damping_ratio: platform.values[1],
-        friction: friction_from(&TYPICAL_FRICTION),
+        friction: rig.friction,
         end_effector_mass_kg: MASS_KG,
     };
     let drive_50 = saw_tooth(60.0, 50.0, CYCLES);
@@ -739,8 +709,8 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         &rig.simulate(&drive_50, SAMPLE_RATE_HZ).end_effector_um,
         320,
     );
-    let friction = identify_friction(&model, &drive_50, &reading_50)?;
-    model.friction = friction_from(&friction.values);
+    let contact = identify_contact(&model, &drive_50, &reading_50, SAMPLE_RATE_HZ)?;
+    model.friction = contact.friction;
 
     let (mut rows, figure_4) = saw_teeth(&rig, &model);
     progress("chapter 3: error of the integrator");
@@ -754,7 +724,7 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
     progress("chapter 3: contact stiffness and speed over mass (Fig. 8)");
     let (more, figure_8) = speed_over_mass(&model)?;
     rows.extend(more);
-    let (more, table) = friction_table(&model, &friction);
+    let (more, table) = friction_table(&contact);
     rows.extend(more);
     rows.push(ChapterRow::new(
         "ch3.beta",

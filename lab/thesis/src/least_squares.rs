@@ -4,9 +4,7 @@
 //! deviations are those of its asymptotic covariance (thesis Ch. 4, 6.2). Columns are scaled to unit length
 //! first, so that powers of volts do not spoil the rank.
 //!
-//! The nonlinear one is MINPACK's, with a trust region. The friction of chapter 3 has side valleys, into which
-//! the plain damped steps of the library's `least_squares` go: they end at a breakaway ratio of 0.97, where
-//! 0.80 is true and 0.796 is found here.
+//! The nonlinear one is MINPACK's, with a trust region.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;

@@ -4,6 +4,7 @@ mod learned_feedforward;
 mod light_mode;
 mod other_actuators;
 mod slow_adaptation;
+mod stick_slip;
 mod thesis;
 
 use hysteron::dataset::Dataset;

@@ -1,5 +1,6 @@
 //! Tests across rooms: one program, so that dependencies are linked once.
 
+mod bipolar_drive;
 mod devtools;
 mod lab_page;
 mod light_linear_stage;

@@ -286,6 +286,29 @@ fn a_loop_that_nothing_has_tried_is_not_closed() {
     assert_eq!(answers, "4006\n1=0\n", "{:?}", texts(&outcome));
 }
 
+/// Two boards of the same kind, each with the block of one stage.
+#[test]
+fn a_block_for_another_stage_is_refused() {
+    let parameters = best_parameters();
+    let modes = [parameters.physical.name, *b"p753-117042917\0\0"].map(|stage| {
+        let script = Script {
+            block: Some(block(&parameters)),
+            envelope: Some(envelope_bytes(&SafetyEnvelope {
+                stage,
+                ..bench_envelope()
+            })),
+            serial: vec![(10 * MILLISECOND, b"ARM 1 2\nERR?\n".to_vec())],
+            ..Script::listening(30 * MILLISECOND)
+        };
+        let outcome = run_in(&world(), script);
+        let said = outcome.texts_with("made for another stage").count();
+        (said, typed_back(&outcome))
+    });
+    let [own, other] = modes;
+    assert_eq!(own, (0, "0\n".to_string()));
+    assert!(other.0 > 0 && other.1 != "0\n", "{other:?}");
+}
+
 /// A stage with one mode, which gets another load at an edge.
 struct Loaded {
     natural_rad_s: f64,

@@ -12,8 +12,7 @@ use hysteron_client::board::Board;
 use hysteron_client::image::FirmwareImage;
 use hysteron_client::port::Address;
 use hysteron_client::update::{bring, install, state};
-use hysteron_core::checksum::crc32;
-use hysteron_core::firmware_update::{H743ZI, HEADER_OFFSET, Mark, Request};
+use hysteron_core::firmware_update::{H743ZI, HEADER_OFFSET, Mark, Request, UpdateKey, WORD_BYTES};
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::run::{
     BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, run,
@@ -24,6 +23,10 @@ use hysteron_emulator::serial_socket;
 const SECOND: u64 = 1_000 * MILLISECOND;
 /// What a flash word reads that is erased.
 const ERASED: u64 = 0xFFFF_FFFF;
+
+/// The key of the board, and that of somebody else.
+const KEY: UpdateKey = UpdateKey::new(*b"the board's key.");
+const OTHER_KEY: UpdateKey = UpdateKey::new(*b"another board's.");
 
 /// The image under test as the line carries it.
 fn sent() -> FirmwareImage {
@@ -47,7 +50,7 @@ fn newer() -> FirmwareImage {
 fn requested(image: &FirmwareImage) -> Vec<(u64, Vec<u8>)> {
     let request = Request {
         bytes: image.bytes.len() as u32,
-        checksum: image.checksum,
+        code: image.signed(&KEY),
     };
     vec![
         (H743ZI.incoming.into(), image.bytes.clone()),
@@ -55,7 +58,12 @@ fn requested(image: &FirmwareImage) -> Vec<(u64, Vec<u8>)> {
     ]
 }
 
-fn run_with(script: Script) -> Outcome {
+/// The script on a board with [`KEY`], unless the script says what stands in its place.
+fn run_with(mut script: Script) -> Outcome {
+    let place = u64::from(H743ZI.key);
+    if script.flash.iter().all(|(address, _)| *address != place) {
+        script.flash.push((place, KEY.word().to_vec()));
+    }
     let world = world();
     let outcome = run(
         &image(),
@@ -109,7 +117,7 @@ fn an_update_and_what_is_kept_exclude_each_other() {
 }
 
 #[test]
-fn an_update_over_the_line_runs_and_a_damaged_one_does_not() {
+fn only_a_signed_and_whole_update_over_the_line_runs() {
     let (line, ended) = (SharedLine::default(), Arc::new(AtomicBool::new(false)));
     let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
     let address =
@@ -160,8 +168,9 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
     hurry(&mut board)?;
     let old = board.identification.clone();
     let new = newer();
+    let code = new.signed(&KEY);
     board.tell("ARM 1 2")?;
-    let refused = bring(&mut board, &new, new.checksum, |_| {}).expect_err("armed");
+    let refused = bring(&mut board, &new, &code, |_| {}).expect_err("armed");
     assert!(refused.message().contains("armed"), "{refused}");
     assert!(
         board
@@ -174,20 +183,26 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
     board.wait("ARM? 1", |answer| Ok(answer == "1=0"))?;
     board.wait("DIA? 1", |mode| Ok(mode == "1=0"))?;
 
-    // The first 16 KiB, of which a byte changes on its way.
-    let mut damaged = FirmwareImage {
+    // The first 16 KiB: not signed, signed for another board, and one of which a byte changes on its way.
+    let part = FirmwareImage {
         bytes: new.bytes[..0x4000].to_vec(),
         ..new.clone()
     };
-    let checksum = crc32(&damaged.bytes);
+    let mut damaged = part.clone();
     damaged.bytes[0x2000] ^= 0x10;
-    let refused = bring(&mut board, &damaged, checksum, |_| {}).expect_err("damaged");
-    assert!(
-        refused
-            .message()
-            .contains("the checksum is not that of what came"),
-        "{refused}"
-    );
+    for (image, code) in [
+        (&part, [0; 16]),
+        (&part, part.signed(&OTHER_KEY)),
+        (&damaged, part.signed(&KEY)),
+    ] {
+        let refused = bring(&mut board, image, &code, |_| {}).expect_err("not signed");
+        assert!(
+            refused
+                .message()
+                .contains("not signed with the board's key"),
+            "{refused}"
+        );
+    }
     let nothing = install(&mut board, None, |_| {}).expect_err("nothing to install");
     assert!(nothing.message().contains("at NOTHING"), "{nothing}");
     hurry(&mut board)?;
@@ -196,7 +211,7 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
         "the running image has not changed"
     );
 
-    bring(&mut board, &new, new.checksum, |_| {})?;
+    bring(&mut board, &new, &code, |_| {})?;
     assert_eq!(board.ask("*IDN?")?.trim(), old, "it runs until the restart");
     let now = install(&mut board, None, |_| {})?;
     assert!(
@@ -295,23 +310,44 @@ fn a_supply_that_fails_within_the_swap_is_recovered() {
     );
 }
 
-/// The boot stage computes the checksum again; nothing is erased.
+/// The boot stage computes the authentication code again; nothing is erased.
 #[test]
-fn a_request_whose_image_is_damaged_installs_nothing() {
-    let mut flash = requested(&newer());
-    flash[0].1[0x8000] ^= 1;
-    let script = Script {
-        flash,
-        serial: vec![(400 * MILLISECOND, QUESTIONS.into())],
-        ..Script::listening(450 * MILLISECOND)
-    };
-    let outcome = run_with(script);
+fn a_request_whose_image_is_damaged_or_not_signed_installs_nothing() {
+    let mut damaged = requested(&newer());
+    damaged[0].1[0x8000] ^= 1;
+    let mut of_another = requested(&newer());
+    of_another.push((H743ZI.key.into(), OTHER_KEY.word().to_vec()));
+    for flash in [damaged, of_another] {
+        let script = Script {
+            flash,
+            serial: vec![(400 * MILLISECOND, QUESTIONS.into())],
+            ..Script::listening(450 * MILLISECOND)
+        };
+        let outcome = run_with(script);
+        let answers = text(&outcome);
+        assert!(
+            answers.contains("STATE=NOT_INSTALLED")
+                && !answers.contains("9.8.7")
+                && answers.contains("2=0"),
+            "{answers}"
+        );
+        assert_eq!(outcome.resets, 0);
+    }
+}
+
+#[test]
+fn a_board_without_a_key_takes_no_image() {
+    let outcome = run_with(Script {
+        flash: vec![(H743ZI.key.into(), vec![0xFF; WORD_BYTES])],
+        serial: vec![
+            (10 * MILLISECOND, b"UPD BEGIN 65536\n".to_vec()),
+            (40 * MILLISECOND, b"UPD DATA 0 00ff\nERR?\nUPD?\n".to_vec()),
+        ],
+        ..Script::listening(60 * MILLISECOND)
+    });
     let answers = text(&outcome);
     assert!(
-        answers.contains("STATE=NOT_INSTALLED")
-            && !answers.contains("9.8.7")
-            && answers.contains("2=0"),
+        answers.contains("STATE=REFUSED the board has no key") && !answers.starts_with("0\n"),
         "{answers}"
     );
-    assert_eq!(outcome.resets, 0);
 }

@@ -233,7 +233,7 @@ impl<D: Device + 'static> Session<D> {
         ),
         (
             "UPD",
-            "<BEGIN bytes|DATA offset hex|COMMIT checksum> bring another image, which the next restart installs",
+            "<BEGIN bytes|DATA offset hex|COMMIT code> bring another image, which the next restart installs",
             Self::bring_image,
         ),
         (

@@ -1,7 +1,7 @@
 //! Another image over the line: `UPD`.
 
 use hysteron_core::command_text::BlockPiece;
-use hysteron_core::firmware_update::text;
+use hysteron_core::firmware_update::{AuthenticationCode, text};
 
 use super::{Pending, Session, Step};
 use crate::device::{Device, UpdateRefusal, UpdateState};
@@ -12,7 +12,7 @@ use crate::words::Words;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum UpdateStep {
     Take(BlockPiece),
-    Commit(u32),
+    Commit(AuthenticationCode),
 }
 
 impl From<UpdateRefusal> for ErrorCode {
@@ -26,7 +26,7 @@ impl From<UpdateRefusal> for ErrorCode {
 }
 
 impl<D: Device + 'static> Session<D> {
-    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT <checksum>`.
+    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT <authentication code>`.
     pub(super) fn bring_image(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         match words.word()? {
             "BEGIN" | "begin" => {
@@ -43,9 +43,10 @@ impl<D: Device + 'static> Session<D> {
                 Ok(())
             }
             "COMMIT" | "commit" => {
-                let checksum = words.whole()?;
+                let code = BlockPiece::parse(0, words.word()?).map_err(|_| ErrorCode::Syntax)?;
                 words.end()?;
-                self.pending = Pending::Update(UpdateStep::Commit(checksum));
+                let code = code.bytes().try_into().map_err(|_| ErrorCode::Syntax)?;
+                self.pending = Pending::Update(UpdateStep::Commit(code));
                 Ok(())
             }
             _ => Err(ErrorCode::Syntax),
@@ -56,7 +57,7 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn next_of_update(&mut self, step: UpdateStep) -> Step {
         let taken = match &step {
             UpdateStep::Take(piece) => self.device.take_update(piece),
-            UpdateStep::Commit(checksum) => self.device.commit_update(*checksum),
+            UpdateStep::Commit(code) => self.device.commit_update(code),
         };
         match taken {
             Ok(true) => Step::Done,

@@ -3,6 +3,7 @@
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::firmware_update::text;
 use hysteron_core::safety_envelope::fingerprint;
 
 use core::fmt::Write;
@@ -55,7 +56,7 @@ impl<D: Device + 'static> Session<D> {
         }
     }
 
-    /// Checksum, least and most drive, rest, slew and current of the envelope in force.
+    /// Checksum, stage, least and most drive, rest, slew and current of the envelope in force.
     pub(super) fn envelope(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         words.end()?;
         let Some(envelope) = self.device.envelope() else {
@@ -71,6 +72,10 @@ impl<D: Device + 'static> Session<D> {
             volts(envelope.safe_code),
         );
         self.say(format_args!("CHECKSUM={:#010x}", fingerprint(&envelope)))?;
+        match text(&envelope.stage) {
+            "" => self.say(format_args!("STAGE=ANY"))?,
+            stage => self.say(format_args!("STAGE={stage}"))?,
+        }
         self.say(format_args!("DRIVE={lowest} {highest} V"))?;
         self.say(format_args!("REST={rest} V"))?;
         self.say(format_args!("SLEW={} V/s", envelope.slew_limit_v_s))?;

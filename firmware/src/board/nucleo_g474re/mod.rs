@@ -21,9 +21,9 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
+use hysteron_firmware_shared::flash_read::FlashInterface;
 
-use super::{Lines, Platform, ResetCause};
-use crate::{fault, serial_line};
+use crate::board::platform::{Lines, Platform, ResetCause};
 
 /// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block
 /// characteristics).
@@ -37,6 +37,19 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 
 /// The board.
 pub struct NucleoG474re;
+
+impl FlashInterface for NucleoG474re {
+    fn begin_reading() {
+        DAMAGED.store(false, Ordering::Relaxed);
+        READING.store(true, Ordering::Release);
+    }
+
+    /// The NMI comes before the barrier behind the reading has ended.
+    fn end_reading() -> bool {
+        READING.store(false, Ordering::Release);
+        DAMAGED.load(Ordering::Acquire) || has_ecc_error()
+    }
+}
 
 impl Platform for NucleoG474re {
     const LOG_BYTES: usize = 4_096;
@@ -100,6 +113,20 @@ impl Platform for NucleoG474re {
         RCC.cr().modify(|w| w.set_csson(true));
     }
 
+    /// A double ECC error of the flash (RM0440, error code correction), or the crystal has stopped: the core
+    /// runs from the internal oscillator then, and nothing keeps its time any more. Damaged parameters are
+    /// only noted; damaged code is not gone on with.
+    fn cause_of_nmi() -> Option<Fault> {
+        if !has_ecc_error() {
+            Some(Fault::ClockLost)
+        } else if READING.load(Ordering::Acquire) {
+            DAMAGED.store(true, Ordering::Release);
+            None
+        } else {
+            Some(Fault::HardFault)
+        }
+    }
+
     fn clock_sample_timer() {
         RCC.apb1enr1().modify(|w| w.set_tim2en(true));
     }
@@ -148,17 +175,6 @@ impl Platform for NucleoG474re {
         flash::write_mark(address).await
     }
 
-    fn begin_reading() {
-        DAMAGED.store(false, Ordering::Relaxed);
-        READING.store(true, Ordering::Release);
-    }
-
-    /// The NMI comes before the barrier behind the reading has ended.
-    fn end_reading() -> bool {
-        READING.store(false, Ordering::Release);
-        DAMAGED.load(Ordering::Acquire) || has_ecc_error()
-    }
-
     fn protection() -> u32 {
         option_bytes::protection()
     }
@@ -183,7 +199,7 @@ impl Platform for NucleoG474re {
         EXTI.pr(0).write(|w| w.set_line(DETECTOR_LINE, true));
         EXTI.imr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
         interrupt::PVD_PVM.set_priority(Priority::P0);
-        // SAFETY: the handler below shares nothing with what it interrupts, and never returns to it.
+        // SAFETY: the image's handler shares nothing with what it interrupts, and never returns to it.
         unsafe { interrupt::PVD_PVM.enable() };
     }
 }
@@ -200,28 +216,4 @@ fn has_ecc_error() -> bool {
         });
     }
     damaged
-}
-
-#[unsafe(no_mangle)]
-extern "C" fn LPUART1() {
-    serial_line::on_interrupt();
-}
-
-#[unsafe(no_mangle)]
-extern "C" fn PVD_PVM() {
-    fault::stop(Fault::SupplyLow)
-}
-
-/// A double ECC error of the flash (RM0440, error code correction), or the crystal has stopped: the core runs
-/// from the internal oscillator then, and nothing keeps its time any more. Damaged parameters are only noted;
-/// damaged code is not gone on with.
-#[cortex_m_rt::exception]
-unsafe fn NonMaskableInt() {
-    if !has_ecc_error() {
-        fault::stop(Fault::ClockLost)
-    }
-    if !READING.load(Ordering::Acquire) {
-        fault::stop(Fault::HardFault)
-    }
-    DAMAGED.store(true, Ordering::Release);
 }

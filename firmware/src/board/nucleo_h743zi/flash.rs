@@ -6,10 +6,10 @@
 
 use embassy_futures::yield_now;
 use embassy_stm32::pac::FLASH;
-pub use embassy_stm32::pac::flash::Bank;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use hysteron_core::firmware_update::Word;
+use hysteron_firmware_shared::flash_end;
 
 use crate::board::flash_words::{self, FlashError};
 use crate::task_clock;
@@ -34,7 +34,7 @@ static BANK: Mutex<ThreadModeRawMutex, ()> = Mutex::new(());
 async fn finished() -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
     for turn in 0..TURNS + MOST_WAITS {
-        if let Some(succeeded) = super::flash_end::succeeded(bank) {
+        if let Some(succeeded) = flash_end::succeeded(bank) {
             return if succeeded {
                 Ok(())
             } else {

@@ -5,7 +5,6 @@
 //! monitor have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
 pub mod flash;
-mod flash_end;
 #[cfg(feature = "on-chip-converters")]
 mod on_chip_converters;
 mod option_bytes;
@@ -28,9 +27,9 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
 use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
+use hysteron_firmware_shared::flash_read::FlashInterface;
 
-use super::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
-use crate::{fault, serial_line};
+use crate::board::platform::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
 
 /// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
 const LEVEL_2V76: u8 = 6;
@@ -39,6 +38,21 @@ const DETECTOR_LINE: usize = 16;
 
 /// The board.
 pub struct NucleoH743zi;
+
+impl FlashInterface for NucleoH743zi {
+    fn begin_reading() {
+        FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+    }
+
+    /// The read itself ends in a bus error too (RM0433, 4.7.7).
+    fn end_reading() -> bool {
+        let damaged = FLASH.bank(1).sr().read().dbeccerr();
+        if damaged {
+            FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+        }
+        damaged
+    }
+}
 
 impl Platform for NucleoH743zi {
     const LOG_BYTES: usize = 32_768;
@@ -124,6 +138,11 @@ impl Platform for NucleoH743zi {
         RCC.cr().modify(|w| w.set_hsecsson(true));
     }
 
+    /// The crystal has stopped: the core runs from the internal oscillator, and nothing keeps its time any more.
+    fn cause_of_nmi() -> Option<Fault> {
+        Some(Fault::ClockLost)
+    }
+
     fn clock_sample_timer() {
         RCC.apb1lenr().modify(|w| w.set_tim2en(true));
     }
@@ -165,19 +184,6 @@ impl Platform for NucleoH743zi {
         flash::write_mark(address).await
     }
 
-    fn begin_reading() {
-        FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
-    }
-
-    /// The read itself ends in a bus error too (RM0433, 4.7.7).
-    fn end_reading() -> bool {
-        let damaged = FLASH.bank(1).sr().read().dbeccerr();
-        if damaged {
-            FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
-        }
-        damaged
-    }
-
     fn protection() -> u32 {
         option_bytes::protection()
     }
@@ -202,23 +208,7 @@ impl Platform for NucleoH743zi {
         EXTI.pr(0).write(|w| w.set_line(DETECTOR_LINE, true));
         EXTI.imr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
         interrupt::PVD_AVD.set_priority(Priority::P0);
-        // SAFETY: the handler below shares nothing with what it interrupts, and never returns to it.
+        // SAFETY: the image's handler shares nothing with what it interrupts, and never returns to it.
         unsafe { interrupt::PVD_AVD.enable() };
     }
-}
-
-#[unsafe(no_mangle)]
-extern "C" fn USART3() {
-    serial_line::on_interrupt();
-}
-
-#[unsafe(no_mangle)]
-extern "C" fn PVD_AVD() {
-    fault::stop(Fault::SupplyLow)
-}
-
-/// The crystal has stopped: the core runs from the internal oscillator, and nothing keeps its time any more.
-#[cortex_m_rt::exception]
-unsafe fn NonMaskableInt() -> ! {
-    fault::stop(Fault::ClockLost)
 }

@@ -5,6 +5,7 @@ use super::{LineArguments, of_board};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
 use hysteron_core::codes::DriveCode;
+use hysteron_core::firmware_update::text;
 use hysteron_core::safety_envelope::{ENVELOPE_BYTES, SafetyEnvelope, fingerprint, read, write};
 use serde::Deserialize;
 use std::path::Path;
@@ -14,6 +15,9 @@ use std::path::Path;
 #[serde(deny_unknown_fields)]
 struct EnvelopeFile {
     name: String,
+    /// Serial number of the stage, as `name` of the front end that its blocks are made with; empty: blocks of
+    /// every stage.
+    stage: String,
     /// Bits of the drive's converter: 20 on SPI, 12 for the part's own.
     drive_bits: u8,
     /// From the lower reference of the drive's converter to its upper one, V.
@@ -68,10 +72,12 @@ impl EnvelopeFile {
         let share = |drive_v: f64| (drive_v - self.drive_at_lowest_code_v) / span_v * codes;
         let code = |steps: f64| DriveCode::new(steps.clamp(0.0, codes - 1.0) as u32);
         let lowest = code((share(self.drive_min_v) - 1e-6).ceil());
-        let mut name = [0u8; 16];
-        name.iter_mut()
-            .zip(self.name.bytes())
-            .for_each(|(to, from)| *to = from);
+        let padded = |text: &str| {
+            let mut field = [0u8; 16];
+            let room = field.iter_mut().zip(text.bytes());
+            room.for_each(|(to, from)| *to = from);
+            field
+        };
         let monitor = |of: fn(&MonitorFile) -> f64| {
             self.monitor
                 .as_ref()
@@ -79,7 +85,8 @@ impl EnvelopeFile {
         };
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
-            name,
+            name: padded(&self.name),
+            stage: padded(&self.stage),
             dac_bits: self.drive_bits,
             sensor_is_signed: self.sensor_twos_complement,
             reference_span_mv: (self.reference_span_v * 1e3).round() as u32,
@@ -112,9 +119,16 @@ impl EnvelopeFile {
 }
 
 /// The envelope of a file as bytes, which the board would take.
-fn bytes_of(text: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
+fn bytes_of(content: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
     let file: EnvelopeFile =
-        toml::from_str(text).map_err(|problem| wrong(path, problem.message()))?;
+        toml::from_str(content).map_err(|problem| wrong(path, problem.message()))?;
+    if file.stage.len() > 16 || !file.stage.bytes().all(|c| c.is_ascii_graphic()) {
+        let what = format!(
+            "stage = \"{}\": expected at most 16 letters, digits and signs",
+            file.stage
+        );
+        return Err(wrong(path, what));
+    }
     let envelope = file.envelope();
     let mut bytes = [0; ENVELOPE_BYTES];
     let length = write(&envelope, &mut bytes).map_err(|problem| wrong(path, problem.reason()))?;
@@ -129,8 +143,8 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
         file,
         "a safety envelope (firmware/README.md, *Safety envelope*)",
     )?;
-    let text = String::from_utf8(bytes).map_err(|_| wrong(file, "is not text"))?;
-    let (envelope, bytes) = bytes_of(&text, file)?;
+    let content = String::from_utf8(bytes).map_err(|_| wrong(file, "is not text"))?;
+    let (envelope, bytes) = bytes_of(&content, file)?;
     let volts = |code| envelope.drive_uv(code) as f64 * 1e-6;
     let name = format!("{:08x}", fingerprint(&envelope));
     println!(
@@ -140,6 +154,10 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
         volts(envelope.drive_max),
         volts(envelope.safe_code)
     );
+    match text(&envelope.stage) {
+        "" => println!("  of no stage: takes the blocks of every one"),
+        stage => println!("  for the stage {stage}"),
+    }
     println!(
         "  at most {} V/s, {:.3} mA RMS into {:.3} uF",
         envelope.slew_limit_v_s,
@@ -190,6 +208,7 @@ mod tests {
 
     const FILE: &str = r#"
         name = "first power-up"
+        stage = "117042917"
         drive_bits = 20
         reference_span_v = 14.0
         drive_at_lowest_code_v = -20.0
@@ -226,6 +245,8 @@ mod tests {
                 && wrong("drive_max_v = 20.0", "drive_max_v = -5.0")
         );
         assert!(wrong("current_ma = 20.0", "current_ma = 0.0") && wrong("rest_v", "rset_v"));
+        assert_eq!(text(&envelope.stage), "117042917");
+        assert!(wrong("117042917", "a number that is too long") && wrong("stage =", "of ="));
         assert_eq!(
             (envelope.drive_reads_back, envelope.monitor_span_uv),
             (false, 0),

@@ -1,11 +1,11 @@
-//! `board update`.
+//! `board update`, `board sign` and `board boot-sector`.
 
 use super::{LineArguments, of_board};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
-use hysteron_client::image::FirmwareImage;
+use hysteron_client::image::{FirmwareImage, boot_sector, key_bytes};
 use hysteron_client::update::{UpdateStage, bring, install};
-use hysteron_core::firmware_update::text;
+use hysteron_core::firmware_update::{UpdateKey, text};
 use std::path::Path;
 
 /// Says how far it is; a stage that goes on says nothing anew.
@@ -19,7 +19,7 @@ fn report() -> impl FnMut(UpdateStage) {
         let line = match stage {
             UpdateStage::Erasing => "erasing".to_string(),
             UpdateStage::Sent { .. } => format!("sent {} %", 10 * tenths),
-            UpdateStage::Verifying => "comparing the checksum".to_string(),
+            UpdateStage::Verifying => "comparing the authentication code".to_string(),
             UpdateStage::Installing => {
                 "restarting: the board installs the image, which takes up to half a minute"
                     .to_string()
@@ -35,12 +35,51 @@ fn report() -> impl FnMut(UpdateStage) {
     }
 }
 
-/// Brings an image and restarts with it. What is no image of this board is refused before anything is sent.
-pub fn update(image: &Path, line: &LineArguments) -> Result<bool> {
+fn firmware(image: &Path) -> Result<FirmwareImage> {
     const EXPECTED: &str = "the image of a NUCLEO-H743ZI2 that `cargo xtask firmware` builds";
     let bytes = Desk::new(false).bytes(image, EXPECTED)?;
-    let firmware = FirmwareImage::from_elf(&bytes)
-        .map_err(|what| wrong(image, format!("{what}; expected {EXPECTED}")))?;
+    FirmwareImage::from_elf(&bytes)
+        .map_err(|what| wrong(image, format!("{what}; expected {EXPECTED}")))
+}
+
+fn key(file: &Path) -> Result<UpdateKey> {
+    const EXPECTED: &str = "32 hexadecimal digits, as `openssl rand -hex 16` makes them";
+    let bytes = Desk::new(false).bytes(file, EXPECTED)?;
+    let key = std::str::from_utf8(&bytes).ok().and_then(key_bytes);
+    key.map(UpdateKey::new)
+        .ok_or_else(|| wrong(file, format!("is no key: expected {EXPECTED}")))
+}
+
+/// Prints the authentication code of an image.
+pub fn sign(image: &Path, key_file: &Path) -> Result<bool> {
+    let code = firmware(image)?.signed(&key(key_file)?);
+    println!("{:032x}", u128::from_be_bytes(code));
+    Ok(true)
+}
+
+/// Writes the boot stage's sector with a key.
+pub fn write_boot_sector(stage: &Path, key_file: &Path, out: &Path) -> Result<bool> {
+    const EXPECTED: &str = "the boot stage that `cargo xtask firmware` builds";
+    let bytes = Desk::new(false).bytes(stage, EXPECTED)?;
+    let sector = boot_sector(&bytes, &key(key_file)?)
+        .map_err(|what| wrong(stage, format!("{what}; expected {EXPECTED}")))?;
+    std::fs::write(out, sector).map_err(|error| wrong(out, error.to_string()))?;
+    println!(
+        "{}: next: probe-rs download --chip STM32H743ZITx --binary-format bin --base-address 0x08000000 {0}",
+        out.display()
+    );
+    Ok(true)
+}
+
+/// Brings an image and restarts with it. What is no image of this board is refused before anything is sent.
+pub fn update(image: &Path, code: &str, line: &LineArguments) -> Result<bool> {
+    let firmware = firmware(image)?;
+    let code = key_bytes(code).ok_or_else(|| {
+        wrong(
+            image,
+            "--code is not the 32 hexadecimal digits that `board sign` prints",
+        )
+    })?;
     let header = &firmware.header;
     let (version, front_end) = (text(&header.version), text(&header.front_end));
     let kib = firmware.bytes.len().div_ceil(1024);
@@ -52,7 +91,7 @@ pub fn update(image: &Path, line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
     println!("the board runs {}", board.identification);
     let mut report = report();
-    bring(&mut board, &firmware, firmware.checksum, &mut report).map_err(of_board)?;
+    bring(&mut board, &firmware, &code, &mut report).map_err(of_board)?;
     let identification = install(&mut board, line.baud(), &mut report).map_err(of_board)?;
     println!("the board runs {identification}; next: arm (ARM 1 1) and condition (ATZ 1)");
     Ok(true)

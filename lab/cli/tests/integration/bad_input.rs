@@ -354,6 +354,11 @@ fn drives_out_of_reach_and_waveforms_without_end() {
         folder.path(),
         "neither a file that exists nor a waveform",
     );
+    says(
+        &words("simulate m.toml --drive step:nan:1 --out y.csv"),
+        folder.path(),
+        "`nan` in `step:nan:1` is not a number",
+    );
     assert!(!folder.path().join("y.csv").exists());
 }
 

@@ -15,5 +15,6 @@ mod planting;
 mod scope;
 mod servo_files;
 mod starts;
+mod stepping;
 mod stopping;
 mod surveys;

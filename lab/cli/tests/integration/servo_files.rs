@@ -593,6 +593,22 @@ fn an_unstable_loop_is_told_with_the_criterion_that_it_breaks() {
     );
 }
 
+/// It is no unstable loop because it is none.
+#[test]
+fn a_scheme_without_feedback_has_no_loop_to_judge() {
+    let folder = folder();
+    for scheme in ["feedforward", "feedforward-without-creep"] {
+        let said = done(
+            &["check", "s.toml", "m.toml", "--scheme", scheme],
+            folder.path(),
+        );
+        assert!(
+            said.contains("no loop to judge") && !said.contains("UNSTABLE"),
+            "{said}"
+        );
+    }
+}
+
 /// The number behind a word in a text.
 fn behind(text: &str, word: &str) -> f64 {
     numbers(

@@ -84,6 +84,21 @@ fn a_survey_names_outliers_and_goes_on_where_it_stopped() {
         folder.path(),
         "survey.jsonl: has a row of day_0",
     );
+    // What a survey wrote is no recording.
+    let inside = folder.path().join("recordings");
+    let here = [
+        "survey",
+        ".",
+        "--from",
+        "gain,sensor_bandwidth",
+        "--report",
+        "page.html",
+    ];
+    for _ in 0..2 {
+        assert_done(&hysteron(&here, &inside));
+        assert_eq!(rows(&inside).len(), 8);
+        std::fs::rename(inside.join("page.html"), inside.join("first.html")).unwrap();
+    }
 }
 
 /// The processes whose parent is this one.

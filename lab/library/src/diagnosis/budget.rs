@@ -57,12 +57,22 @@ impl<'w> Budget<'w> {
     /// by then is the same in every run. Reports how much of the whole is used.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        let of_steps = self.work.steps() as f64 / self.most_steps;
-        let share = of_steps.max(self.time_used());
+        let share = self.of_steps().max(self.time_used());
         self.watch.event(&WatchEvent::Used {
             share: share.clamp(0.0, 1.0),
         });
         share >= self.stage_ends_at()
+    }
+
+    /// Whether steps end it before the caller's time does.
+    #[must_use]
+    pub fn ends_by_steps(&self) -> bool {
+        self.of_steps() >= self.time_used()
+    }
+
+    /// The share of the steps that is used.
+    fn of_steps(&self) -> f64 {
+        self.work.steps() as f64 / self.most_steps
     }
 
     /// Whether the caller's time for the present stage is over: asked within fits as well.
@@ -99,7 +109,7 @@ mod tests {
         spend(&budget.work, 499);
         assert!(!budget.is_over());
         spend(&budget.work, 1);
-        assert!(budget.is_over() && !budget.time_is_over());
+        assert!(budget.is_over() && !budget.time_is_over() && budget.ends_by_steps());
         budget.work.enter(Stage::Ablation);
         assert!(!budget.is_over());
         spend(&budget.work, 300);
@@ -125,7 +135,7 @@ mod tests {
                 over_before,
                 ..Budget::new(1e9, &watch)
             };
-            budget.is_over()
+            budget.is_over() && !budget.ends_by_steps()
         };
         assert!(second(0.0, 0.5) && !second(0.4, 0.6) && second(0.4, 0.8));
         assert!(second(1.0, 1.0));

@@ -1,5 +1,6 @@
 //! What was found, in words: the one place where typed results become sentences.
 
+use super::budget::Budget;
 use super::findings::unlikely;
 use super::judgement::Judged;
 use super::path::ModelChange;
@@ -296,6 +297,17 @@ struct Said<'a> {
     explained: f64,
     reading_step_um: Option<f64>,
     at_least_um: Option<f64>,
+    to_go_on: &'static str,
+}
+
+/// What lets a search that its budget ended go on.
+#[must_use]
+pub fn to_go_on(budget: &Budget) -> &'static str {
+    if budget.ends_by_steps() {
+        "To search on, give a larger most_steps in a file with --policy."
+    } else {
+        "To search on, give a longer --within."
+    }
 }
 
 impl<'a> Said<'a> {
@@ -321,6 +333,7 @@ impl<'a> Said<'a> {
             explained: study.policy.explained,
             reading_step_um: study.reading_step_um,
             at_least_um: study.at_least_um,
+            to_go_on: to_go_on(&study.budget),
         }
     }
 
@@ -425,8 +438,9 @@ impl<'a> Said<'a> {
             }
             Some(Reason::OutOfTime) => {
                 format!(
-                    "Not decided in the time there was: the {which} is {after} nm, at the start {before}; {noise}.{} More time may find more.",
-                    self.so_far()
+                    "Not decided within the budget: the {which} is {after} nm, at the start {before}; {noise}.{} {}",
+                    self.so_far(),
+                    self.to_go_on
                 )
             }
             Some(Reason::ManyAlternatives) => format!(
@@ -459,7 +473,20 @@ impl<'a> Said<'a> {
         if d.so_far.is_empty() || d.verdict == Verdict::Undecidable {
             return String::new();
         }
-        format!(" Not decided: {}.", list(&d.so_far, "and"))
+        let leaves = nm(d.remainder.rms_um);
+        let at_the_end = if leaves == nm(self.after_um) || !d.also_in_the_model.is_empty() {
+            String::new()
+        } else {
+            format!(
+                " The model at the end has {}: its {} is {leaves} nm.",
+                match d.so_far.as_slice() {
+                    [_] => "it",
+                    _ => "the best of these",
+                },
+                self.which
+            )
+        };
+        format!(" Not decided: {}.{at_the_end}", list(&d.so_far, "and"))
     }
 
     fn so_far(&self) -> String {

@@ -7,6 +7,7 @@
 //! change of the columns, each as large as the residual holds it (Kaufman, BIT 15 (1975) 49-57).
 
 use crate::dataset::Record;
+use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use nalgebra::{Complex, DMatrix, DVector, DVectorView};
@@ -201,31 +202,8 @@ impl OwnMotions {
     /// What a record has of its own beside a model.
     #[must_use]
     pub fn of(model: &Model, record: &Record) -> Self {
-        let mut out = Vec::new();
-        if record.offset_is_fitted {
-            out.push(OwnMotion::Constant);
-        }
-        for instance in &model.effects {
-            let values = instance.values();
-            if record.initial_state == InitialState::Unknown {
-                out.extend(
-                    instance
-                        .effect
-                        .free_motions(model, &values)
-                        .into_iter()
-                        .map(OwnMotion::Free),
-                );
-            }
-            out.extend(
-                instance
-                    .effect
-                    .line_frequencies_hz(model, &values)
-                    .into_iter()
-                    .map(OwnMotion::LineHz),
-            );
-        }
-        out.sort_by_key(OwnMotion::rank);
-        Self(out)
+        let with_shares = own_motions(model, record).into_iter();
+        Self(with_shares.map(|(motion, _)| motion).collect())
     }
 
     /// What changes of a record's own, held in these amounts, where others take the place of these motions;
@@ -256,35 +234,6 @@ impl OwnMotions {
         (self.0.len() == others.0.len()).then_some(out)
     }
 
-    /// How large they are in a residual at samples of a record: the constant, and each motion with the
-    /// amplitudes of its cosine and its sine at the first sample.
-    #[must_use]
-    pub fn amplitudes(
-        &self,
-        record: &Record,
-        samples: &Samples,
-        left: &DVector<f64>,
-    ) -> (f64, Vec<(FreeMotion, [f64; 2])>) {
-        let held = amounts(&self.columns(record, samples), left);
-        let (mut at, mut constant, mut motions) = (0, 0.0, Vec::new());
-        for own in &self.0 {
-            let amplitude = [held[at], if own.width() > 1 { held[at + 1] } else { 0.0 }];
-            at += own.width();
-            match own {
-                OwnMotion::Constant => constant += amplitude[0],
-                OwnMotion::Free(motion) => motions.push((*motion, amplitude)),
-                OwnMotion::LineHz(hz) => {
-                    let motion = FreeMotion {
-                        decay_per_s: 0.0,
-                        frequency_rad_s: std::f64::consts::TAU * hz,
-                    };
-                    motions.push((motion, amplitude));
-                }
-            }
-        }
-        (constant, motions)
-    }
-
     /// How many of the first are those of others.
     fn alike(&self, others: &Self) -> usize {
         self.0
@@ -305,6 +254,108 @@ impl OwnMotions {
         columns
             .enumerate()
             .for_each(|(c, column)| out.set_column(c, &column));
+        out
+    }
+}
+
+/// What a record has of its own beside a model, each with the share of the range of the motion that it can be;
+/// none where any size is as likely.
+fn own_motions(model: &Model, record: &Record) -> Vec<(OwnMotion, Option<f64>)> {
+    let mut out = Vec::new();
+    if record.offset_is_fitted {
+        out.push((OwnMotion::Constant, None));
+    }
+    for instance in &model.effects {
+        let (effect, values) = (&instance.effect, instance.values());
+        if record.initial_state == InitialState::Unknown {
+            let share = Some(effect.free_share(&values));
+            let motions = effect.free_motions(model, &values).into_iter();
+            out.extend(motions.map(|motion| (OwnMotion::Free(motion), share)));
+        }
+        let lines = effect.line_frequencies_hz(model, &values).into_iter();
+        out.extend(lines.map(|hz| (OwnMotion::LineHz(hz), None)));
+    }
+    out.sort_by_key(|(motion, _)| motion.rank());
+    out
+}
+
+/// What a record has of its own in a residual.
+#[derive(Clone, Debug)]
+pub struct OwnAmounts {
+    /// The constant, um.
+    pub constant_um: f64,
+    /// Each motion with the amplitudes of its cosine and its sine at the first sample, um.
+    pub motions: Vec<(FreeMotion, [f64; 2])>,
+    /// The constant beside motions that the states can have, um.
+    pub constant_at_rest_um: f64,
+    /// Its standard deviation beside the model, um.
+    pub at_rest_std_um: f64,
+    /// What each sample of the residual adds to it, as a share.
+    pub at_rest_weights: DVector<f64>,
+}
+
+impl OwnAmounts {
+    /// How large they are in a residual at samples of a record.
+    ///
+    /// A constant and slow motions trade with each other: over a record that is shorter than they are, large
+    /// ones that cancel leave nearly the same residual as small ones. The constant at rest is therefore
+    /// estimated beside motions within the share of the range that their effect can hold, in noise of the size
+    /// of what no amounts explain.
+    #[must_use]
+    pub fn of(model: &Model, record: &Record, samples: &Samples, residual: &DVector<f64>) -> Self {
+        let own = own_motions(model, record);
+        let columns = columns(model, record, samples);
+        let held = amounts(&columns, residual);
+        let variance = (residual - &columns * &held).norm_squared() / samples.count().max(1) as f64;
+        let range_um = peak_to_peak(samples.of(&record.displacement_um).as_slice());
+        let precision = |share: &f64| variance / (share * range_um).powi(2);
+        let expected = own.iter().flat_map(|(motion, share)| {
+            let known = share.as_ref().map_or(0.0, precision);
+            std::iter::repeat_n(if known.is_finite() { known } else { 0.0 }, motion.width())
+        });
+        let mut normal = transposed_times(&columns, &columns);
+        for (i, precision) in expected.enumerate() {
+            // Columns that depend on others share.
+            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-12) + precision;
+        }
+        let inverse = normal.cholesky().map(|found| found.inverse());
+        let mut out = Self {
+            constant_um: 0.0,
+            motions: Vec::new(),
+            constant_at_rest_um: 0.0,
+            at_rest_std_um: 0.0,
+            at_rest_weights: DVector::zeros(samples.count()),
+        };
+        let mut at = 0;
+        for (motion, _) in &own {
+            let amplitude = [
+                held[at],
+                if motion.width() > 1 {
+                    held[at + 1]
+                } else {
+                    0.0
+                },
+            ];
+            match motion {
+                OwnMotion::Constant => {
+                    (out.constant_um, out.constant_at_rest_um) = (held[at], held[at]);
+                    if let Some(inverse) = &inverse {
+                        out.at_rest_weights = &columns * inverse.column(at);
+                        out.constant_at_rest_um = out.at_rest_weights.dot(residual);
+                        out.at_rest_std_um = (variance * inverse[(at, at)]).max(0.0).sqrt();
+                    }
+                }
+                OwnMotion::Free(motion) => out.motions.push((*motion, amplitude)),
+                OwnMotion::LineHz(hz) => {
+                    let motion = FreeMotion {
+                        decay_per_s: 0.0,
+                        frequency_rad_s: std::f64::consts::TAU * hz,
+                    };
+                    out.motions.push((motion, amplitude));
+                }
+            }
+            at += motion.width();
+        }
         out
     }
 }

@@ -11,11 +11,14 @@
 //! Electroacoust. 21, 1973): a random walk is judged as white noise is. No model is needed, and nothing is
 //! fitted. Samples that do not count are left out of both signals: what one of them does alone is no answer.
 //!
+//! Shorter records are judged by the model at the end: where it takes nothing of the readings, drive and
+//! displacement have nothing in common.
+//!
 //! A drive that runs straight in most segments, as a slow triangle does, asks too little: readings that
 //! follow it look like a drift. Such segments decide nothing.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role};
+use super::{End, Issue, IssueKind, Moment, Severity, Subject};
+use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::rms;
 use crate::parallel;
 use realfft::RealFftPlanner;
@@ -39,19 +42,52 @@ const SHARED_BY: f64 = 3.0;
 /// With fewer samples even a clear answer may be missed.
 const SAMPLES_MIN: usize = 2000;
 
-/// Examines every record that is fitted or judges.
+/// A model that takes less than this share of the squares of every record says nothing about the drive: a gain
+/// takes that much of a hundred samples of noise by chance.
+const TAKES: f64 = 0.01;
+
+/// Examines every record that is fitted or judges, and what a model takes of those that are too short for it.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::BeforeSearch) {
-        return Vec::new();
-    }
-    let judges = |r: &&Record| {
-        matches!(r.role, Role::Identify | Role::Validate) && r.counted().count() >= SAMPLES_MIN
-    };
+    let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);
     let records: Vec<&Record> = subject.dataset.records.iter().filter(judges).collect();
-    parallel::map(&records, |record| of_record(record))
-        .into_iter()
-        .flatten()
-        .collect()
+    let long_enough = |r: &Record| r.counted().count() >= SAMPLES_MIN;
+    match subject.moment {
+        Moment::BeforeSearch => {
+            let long: Vec<&Record> = records.into_iter().filter(|r| long_enough(r)).collect();
+            parallel::map(&long, |record| of_record(record))
+                .into_iter()
+                .flatten()
+                .collect()
+        }
+        Moment::End(end) if !records.into_iter().any(long_enough) => {
+            nothing_taken(subject.dataset, end).into_iter().collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// That the model at the end takes nothing of any record.
+fn nothing_taken(dataset: &Dataset, end: &End) -> Option<Issue> {
+    let left = |i: &usize| {
+        let record = &dataset.records[*i];
+        let readings: Vec<f64> = record
+            .counted()
+            .map(|k| record.displacement_um[k])
+            .collect();
+        let mean = readings.iter().sum::<f64>() / readings.len().max(1) as f64;
+        let about_mean: Vec<f64> = readings.iter().map(|y| y - mean).collect();
+        let moves = rms(&about_mean);
+        (moves > 0.0).then(|| (rms(&end.last.residuals[*i]) / moves).powi(2))
+    };
+    let least = end
+        .study
+        .split
+        .both()
+        .iter()
+        .filter_map(left)
+        .reduce(f64::min)?;
+    let share = (1.0 - least).max(0.0);
+    (share < TAKES).then(|| Issue::of_all(Severity::Blocks, IssueKind::NothingInCommon { share }))
 }
 
 fn of_record(record: &Record) -> Option<Issue> {

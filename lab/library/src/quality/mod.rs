@@ -329,6 +329,11 @@ pub enum IssueKind {
         /// How long the record goes on then, s.
         left_s: f64,
     },
+    /// The model at the end takes nothing of the readings.
+    NothingInCommon {
+        /// Share of the squares that it takes of the record of which it takes most.
+        share: f64,
+    },
     /// A loop was closed while recording.
     ClosedLoop {
         /// The drive comes so many samples after the noise.
@@ -444,7 +449,9 @@ impl Issue {
     #[must_use]
     pub fn reason(&self) -> Option<Reason> {
         let reason = match self.kind {
-            IssueKind::NotAnswered { .. } => Reason::NotAnswered,
+            IssueKind::NotAnswered { .. } | IssueKind::NothingInCommon { .. } => {
+                Reason::NotAnswered
+            }
             IssueKind::InitialState { .. } => Reason::InitialState,
             IssueKind::SameSampleTiming { .. } => Reason::SameSampleTiming,
             IssueKind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,

@@ -7,7 +7,6 @@ use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
-use hysteron_sim::effect::gain;
 
 /// Share of a range at whose end a drive that is so near counts as being there.
 const AT_AN_END: f64 = 0.02;
@@ -36,12 +35,10 @@ fn remembers_until_s(record: &Record) -> Option<[f64; 2]> {
     })
 }
 
-/// Examines every record that is fitted or judges, where a model with loops stays above the noise.
+/// Examines every record that is fitted or judges, whatever model came out: where loops are missing, creep may
+/// stand for them because of such a beginning.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    let Moment::End(end) = subject.moment else {
-        return Vec::new();
-    };
-    if end.last.model.effect(gain::ID).is_some() || end.study.met(end.last) {
+    if !matches!(subject.moment, Moment::BeforeSearch) {
         return Vec::new();
     }
     let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);
@@ -94,5 +91,13 @@ mod tests {
         let mut swept_before = record(&growing, unknown);
         swept_before.window.start = 600;
         assert_eq!(remembers_until_s(&swept_before), None);
+        // Nothing needs to be found first.
+        let records = vec![record(&growing, unknown)];
+        let dataset = crate::Dataset::new("t", 0.0, 10.0, records).unwrap();
+        let subject = Subject {
+            dataset: &dataset,
+            moment: Moment::BeforeSearch,
+        };
+        assert_eq!(check(&subject).len(), 1);
     }
 }

@@ -21,6 +21,11 @@ pub(super) fn of_kind(kind: &IssueKind) -> String {
              sensor, the amplifier and the choice of columns (--columns)",
             nm(*moves_um)
         ),
+        IssueKind::NothingInCommon { share } => format!(
+            "drive and displacement have nothing in common: the model takes {:.2} % of the squares of the readings. Look at the sensor, the amplifier and \
+             the choice of columns (--columns), and record 4000 samples or more",
+            100.0 * share
+        ),
         IssueKind::RangeEnds { reading_um, highest, share, .. } => format!(
             "{:.1} % of the readings stand at exactly {} um, their {}, while the drive moves: the range of the sensor ends there. They are left out \
              of every fit and figure",

@@ -23,7 +23,7 @@ pub struct CheckResult {
     pub schema: String,
     /// Scheme.
     pub scheme: String,
-    /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its
+    /// True if nothing is fed back, or all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its
     /// hysteresis, the period of delay included where the design has it.
     pub stable: bool,
     /// Which criterion says that it is not, where it is judged and is not.
@@ -85,9 +85,23 @@ impl CheckResult {
                 )
             }
             (Some(because), ..) => format!("UNSTABLE: {because}"),
-            (None, false, true) => format!("stable, largest sampled eigenvalue {largest:.4}"),
+            (None, false, true) => {
+                format!("stable, largest sampled eigenvalue {}", below_one(largest))
+            }
+            (None, true, true) => "nothing is fed back, so there is no loop to judge".to_owned(),
             (None, ..) => "not judged".to_owned(),
         }
+    }
+}
+
+/// A stable eigenvalue in words: one that would round to one by its distance from there.
+#[must_use]
+pub fn below_one(magnitude: f64) -> String {
+    let short = format!("{magnitude:.4}");
+    if magnitude < 1.0 && short == "1.0000" {
+        format!("1 - {:.1e}", 1.0 - magnitude)
+    } else {
+        short
     }
 }
 
@@ -131,6 +145,10 @@ pub fn check_with(
         remarks: Vec::new(),
     };
     if let Some(law) = design.law() {
+        if !law.feeds_back() {
+            on.judge_open(&mut out);
+            return Ok(out);
+        }
         on.judge_law(&law, &mut out);
         on.remark_scheme(&law, &mut out);
         return Ok(out);
@@ -168,6 +186,19 @@ struct Actuator<'a> {
 }
 
 impl Actuator<'_> {
+    /// What is known of a scheme without feedback: it moves as the actuator does, and reads as far from its
+    /// reference as the gain is from the one that it inverts.
+    fn judge_open(&self, out: &mut CheckResult) {
+        out.stable = true;
+        let [least, _, most] = self.ratio;
+        let off = |gain: f64| 100.0 * (gain - 1.0);
+        out.remarks.push(format!(
+            "The actuator's gain over the one that the scheme inverts is {least:.2} to {most:.2}: by that the position is {:+.1} to {:+.1} % of the way off, and nothing takes it back. `hysteron track` says how far on a reference.",
+            off(least),
+            off(most)
+        ));
+    }
+
     /// Eigenvalues and margins of a law.
     fn judge_law(&self, law: &PredictorDesign, out: &mut CheckResult) {
         let linear = &self.model.linear;

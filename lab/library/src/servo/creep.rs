@@ -164,7 +164,38 @@ pub fn of_chain(chain: &Model) -> (Vec<CreepTerm>, Option<CreepPair>) {
             }
         }
     }
-    (terms, pair)
+    (for_the_tick(terms), pair)
+}
+
+/// No more terms than the tick has: of linear terms those next to each other become one, of both shares and at
+/// their weighted time constant, that of which the others notice least.
+fn for_the_tick(mut terms: Vec<CreepTerm>) -> Vec<CreepTerm> {
+    if terms.len() <= CREEP_TERMS {
+        return terms;
+    }
+    terms.retain(|term| term.share != 0.0);
+    terms.sort_by(|a, b| a.time_constant_s.total_cmp(&b.time_constant_s));
+    let (mut linear, operators): (Vec<CreepTerm>, Vec<CreepTerm>) =
+        terms.into_iter().partition(|term| term.threshold_um == 0.0);
+    let room = CREEP_TERMS.saturating_sub(operators.len()).max(1);
+    while linear.len() > room {
+        let change = |w: &[CreepTerm]| {
+            let apart = (w[1].time_constant_s / w[0].time_constant_s).ln();
+            w[0].share.abs().min(w[1].share.abs()) * apart
+        };
+        let places = linear.windows(2).map(change).enumerate();
+        let Some((at, _)) = places.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+            break;
+        };
+        let (slow, fast) = (linear.remove(at + 1), linear[at]);
+        let weight = slow.share.abs() / (slow.share.abs() + fast.share.abs());
+        let apart = (slow.time_constant_s / fast.time_constant_s).ln();
+        linear[at] = CreepTerm::linear(
+            fast.share + slow.share,
+            fast.time_constant_s * (weight * apart).exp(),
+        );
+    }
+    linear.into_iter().chain(operators).collect()
 }
 
 /// Moves poles of later effects away from those of earlier ones.
@@ -286,6 +317,28 @@ mod tests {
                 "{omega}: {} {expected}",
                 of_pair + of_terms
             );
+        }
+    }
+
+    /// Sixteen terms over three decades, as a search ends with.
+    #[test]
+    fn more_terms_than_the_tick_has_become_as_many() {
+        let many: Vec<CreepTerm> = (0..16)
+            .map(|k| CreepTerm::linear(0.004, 0.005 * 10f64.powf(0.2 * f64::from(k))))
+            .collect();
+        let few = for_the_tick(many.clone());
+        assert_eq!(few.len(), CREEP_TERMS);
+        let response = |terms: &[CreepTerm], w: f64| -> Complex<f64> {
+            let s = Complex::new(0.0, w);
+            terms
+                .iter()
+                .map(|t| Complex::new(t.share, 0.0) / (s * t.time_constant_s + 1.0))
+                .sum()
+        };
+        for k in 0..60 {
+            let w = 10f64.powf(-2.0 + 0.1 * f64::from(k));
+            let off = (response(&few, w) - response(&many, w)).norm();
+            assert!(off < 0.01 * static_share(&many, None), "{w}: {off}");
         }
     }
 

@@ -103,7 +103,7 @@ impl ScanWords<'_> {
         );
         let mut out = vec![
             format!(
-                "Of {} tunings {good} hold for every plant that is left possible; {} smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
+                "Of {} tunings {good} hold for every plant that is left possible; {} smallest expected error, {:.2} nm with nothing to follow: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
                 scan.candidates.len(),
                 if self.task.demands.usual_margins && chosen.keeps_usual_margins() {
                     format!(

@@ -38,6 +38,18 @@ impl PredictorDesign {
         &self.a - &self.l * self.c.transpose() + &self.b * -self.k.transpose()
     }
 
+    /// Whether a reading reaches the drive, now or later.
+    #[must_use]
+    pub fn feeds_back(&self) -> bool {
+        let transition = self.transition();
+        let mut states = self.l.clone();
+        (0..STATES).any(|_| {
+            let reaches = self.k.dot(&states) != 0.0;
+            states = &transition * &states;
+            reaches
+        })
+    }
+
     /// Response of the feedforward at a frequency: what acts, over the reference of the same instant.
     #[must_use]
     pub fn feedforward_response(&self, hz: f64) -> Complex<f64> {

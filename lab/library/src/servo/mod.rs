@@ -91,6 +91,10 @@ pub mod sensor_lag;
 #[doc(hidden)]
 pub mod sliding_mode;
 #[doc(hidden)]
+pub mod stepping_contact;
+#[doc(hidden)]
+pub mod stepping_design;
+#[doc(hidden)]
 pub mod thesis_conditions;
 #[doc(hidden)]
 pub mod thesis_schemes;

@@ -285,7 +285,7 @@ pub fn at_work_in_words(rows: &[AtWork]) -> String {
         .map(|row| format!("{:.0}", row.frequency_hz))
         .collect();
     format!(
-        "Expected on this model, RMS error of the true position at {} Hz with an amplitude of {:.2} um: {}.",
+        "Expected on this model as it follows a sine, RMS error of the true position at {} Hz with an amplitude of {:.2} um: {}.",
         hz.join(" / "),
         rows.first().map_or(0.0, |row| row.amplitude_um),
         schemes.iter().map(|s| of(s)).collect::<Vec<_>>().join("; ")

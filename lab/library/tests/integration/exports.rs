@@ -11,7 +11,7 @@ use hysteron_sim::chain::{Drive, EffectInstance, Identified, InitialState, Model
 use hysteron_sim::effect::{FreeMotion, Overview, by_id};
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::loop_inverse::LoopInverse;
-use hysteron_sim::physics::{RecordStart, Recorded};
+use hysteron_sim::physics::{OffsetAtRest, RecordStart, Recorded};
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -226,6 +226,11 @@ fn identified(name: &str, hold_before_sample: bool, intersample: Intersample) ->
         state: InitialState::Unknown,
         offset_is_fitted: true,
         offset_um: 0.7,
+        at_rest: Some(OffsetAtRest {
+            offset_um: 0.2,
+            std_um: 0.1,
+            moves_um: Vec::new(),
+        }),
         motions: vec![
             (motion(20.0, 0.0), [0.3, 0.0]),
             (motion(100.0, 900.0), [0.1, -0.2]),
@@ -254,25 +259,32 @@ fn predicted(model: &Model, rate_hz: f64) -> Vec<f64> {
     found.unwrap().0.reading_um
 }
 
-/// Ways of recording, each with a chain in whole periods or in sub-intervals.
+/// Ways of recording, each with a chain in whole periods or in sub-intervals, and a record that begins at
+/// another voltage.
 fn recorded_ways() -> Vec<(&'static str, Case, Model)> {
-    [
-        ("rows_before", "loops_mode_creep", true, Intersample::Hold),
-        ("straight", "duhem", false, Intersample::Linear),
-        ("straight_fine", "sub_intervals", false, Intersample::Linear),
-        ("banded", "duhem", false, Intersample::BandLimited),
-        (
-            "banded_fine",
-            "sub_intervals",
-            false,
-            Intersample::BandLimited,
-        ),
-    ]
-    .map(|(way, name, before, intersample)| {
-        let (case, model) = identified(name, before, intersample);
-        (way, case, model)
-    })
-    .into()
+    let (case, mut elsewhere) = identified("loops_mode_creep", true, Intersample::Hold);
+    let known = elsewhere.identified.as_mut().unwrap();
+    Arc::make_mut(known).recorded.starts[0].drive_v += 20.0;
+    let mut ways = vec![("elsewhere", case, elsewhere)];
+    ways.extend(
+        [
+            ("rows_before", "loops_mode_creep", true, Intersample::Hold),
+            ("straight", "duhem", false, Intersample::Linear),
+            ("straight_fine", "sub_intervals", false, Intersample::Linear),
+            ("banded", "duhem", false, Intersample::BandLimited),
+            (
+                "banded_fine",
+                "sub_intervals",
+                false,
+                Intersample::BandLimited,
+            ),
+        ]
+        .map(|(way, name, before, intersample)| {
+            let (case, model) = identified(name, before, intersample);
+            (way, case, model)
+        }),
+    );
+    ways
 }
 
 fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
@@ -483,10 +495,13 @@ fn c_with_fixed_memory_reads_what_the_program_reads() {
         );
     }
     // C takes the drive that acts, sample by sample; a band-limited one depends on later samples.
-    for (way, (_, rate_hz, _), model) in recorded_ways().into_iter().take(3) {
+    for (way, (_, rate_hz, _), model) in recorded_ways().into_iter().take(4) {
         let text = export(&model, Language::C, rate_hz, way).unwrap();
         let later = format!("u[k + 1 < {SAMPLES} ? k + 1 : {SAMPLES} - 1]");
-        let first = if way == "rows_before" { "u[1]" } else { "u[0]" };
+        let first = match way {
+            "rows_before" | "elsewhere" => "u[1]",
+            _ => "u[0]",
+        };
         // The drive of row 1 acts from sample 0 on where rows act before.
         let main = format!(
             "    double y = {way}_begin(&m, {first});\n    for (int k = 0; k < {SAMPLES}; k++) {{\n        printf(\"%.17g\\n\", y);\n        y = {way}_step(&m, {later});\n    }}\n    (void)f;\n"

@@ -3,6 +3,7 @@
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
+use hysteron::diagnosis::words::nm;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Evidence, Finding, Standing, Verdict};
 use hysteron::synthetic::case::{CaseOrder, simulate_case};
@@ -53,6 +54,14 @@ fn explained_as_read(
     )
     .unwrap();
     each_name_does_better_with_it(&found);
+    // What is saved is what the sentence speaks of.
+    let d = &found.diagnosis;
+    assert!(
+        d.sentence
+            .contains(&format!("{} nm", nm(d.remainder.rms_um))),
+        "{}",
+        d.sentence
+    );
     found
 }
 

@@ -292,7 +292,8 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         d.sentence
     );
     assert!(
-        d.reason == Some(Reason::OutOfTime) && notes.iter().any(|n| n.contains("time was over")),
+        d.reason == Some(Reason::OutOfTime)
+            && notes.iter().any(|n| n.contains("a longer --within")),
         "{} {notes:?}",
         d.sentence
     );
@@ -320,7 +321,7 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
         all.floor
             .warnings
             .iter()
-            .all(|note| !note.contains("time was over")),
+            .all(|note| !note.contains("ended before")),
         "{:?}",
         all.floor.warnings
     );
@@ -343,6 +344,82 @@ fn a_search_keeps_to_its_steps_and_ends_alike() {
     // A round that begins within its share comes to its end, and here there are few.
     assert!(10 * half.0 < 8 * whole, "{} of {whole}", half.0);
     assert_eq!(half, with(most));
+    // More time would not help.
+    let (_, sentence) = with(1.0);
+    assert!(sentence.contains("larger most_steps"), "{sentence}");
+}
+
+/// Stops where something begins.
+struct StopsAt(&'static str, AtomicUsize);
+
+impl Watch for StopsAt {
+    fn event(&self, event: &WatchEvent<'_>) {
+        if matches!(event, WatchEvent::Doing(what) if *what == self.0) {
+            self.1.store(1, Ordering::Relaxed);
+        }
+    }
+
+    fn stopped(&self) -> bool {
+        self.1.load(Ordering::Relaxed) > 0
+    }
+}
+
+#[test]
+fn who_stops_while_names_are_tested_reads_that_it_was_stopped() {
+    let dataset = recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true);
+    let gain = effects_named("gain").unwrap();
+    for doing in [
+        "searching without what would be named",
+        "weighing the evidence for each effect",
+        "fitting to the end",
+    ] {
+        let watch = StopsAt(doing, AtomicUsize::new(0));
+        let found = analyse(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap();
+        let d = found.diagnosis;
+        assert!(found.stopped && watch.stopped(), "{doing}");
+        assert_eq!(
+            (d.verdict, d.reason, d.named.len(), &d.so_far),
+            (
+                Verdict::Undecidable,
+                Some(Reason::Stopped),
+                0,
+                &vec!["vibration".to_owned()]
+            ),
+            "{doing}: {}",
+            d.sentence
+        );
+    }
+}
+
+/// Too short for a coherence of both.
+#[test]
+fn two_signals_with_nothing_in_common_are_no_stage() {
+    let record = |seed: u64| {
+        let drive_v = noise(seed, 1.0).iter().map(|v| 5.0 + v).collect();
+        Record::new(format!("r{seed}"), 1000.0, drive_v, noise(seed + 1, 0.1))
+    };
+    let mut records = vec![record(1), record(3).with_role(Role::Validate)];
+    for record in &mut records {
+        record.window = 0..1500;
+        record.offset_is_fitted = true;
+    }
+    let dataset = Dataset::new("t", -5.0, 15.0, records).unwrap();
+    let gain = effects_named("gain").unwrap();
+    let found = analyse(
+        &dataset,
+        Start::Effects(&gain),
+        &Options::default(),
+        &Unwatched,
+    )
+    .unwrap();
+    let d = found.diagnosis;
+    assert_eq!(
+        (d.verdict, d.reason),
+        (Verdict::Undecidable, Some(Reason::NotAnswered)),
+        "{}",
+        d.sentence
+    );
+    assert!(d.sentence.contains("nothing in common"), "{}", d.sentence);
 }
 
 #[test]

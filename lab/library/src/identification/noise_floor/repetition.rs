@@ -348,10 +348,12 @@ fn find_periods(record: &Record, behind: usize, span_v: f64) -> Option<Periods> 
             )
         });
     exact.or_else(|| {
+        // With same-sample timing the last row has gone.
         let whole = (2..=WHOLE_PERIODS_MAX)
             .rev()
-            .filter(|count| n.is_multiple_of(*count))
-            .map(|count| n / count);
+            .map(|count| (count, n.div_ceil(count)))
+            .filter(|(count, length)| count * length <= n + 1)
+            .map(|(_, length)| length);
         let near = likely
             .iter()
             .flat_map(|lag| nearest_first(*lag).take(NEIGHBOURS_READ_BACK));
@@ -454,6 +456,31 @@ mod tests {
             .collect();
         let reading = noisy(&drive, 0.003, 1);
         assert!(find_periods(&Record::new("r", 1000.0, drive, reading), 0, 40.0).is_none());
+    }
+
+    /// Three whole periods of a multisine, as read with either timing.
+    #[test]
+    fn whole_periods_show_the_noise_with_either_timing() {
+        let length = 2048;
+        let sine = |k: usize, line: usize| {
+            (std::f64::consts::TAU * (line * k) as f64 / length as f64 + (line * line) as f64).sin()
+        };
+        let drive: Vec<f64> = (0..3 * length)
+            .map(|k| (1..200).map(|line| 0.05 * sine(k, line)).sum())
+            .collect();
+        let record = Record {
+            window: length + length / 2..3 * length,
+            ..Record::new("r", 6400.0, drive.clone(), noisy(&drive, 0.003, 9))
+        };
+        let dataset = Dataset::new("d", -5.0, 5.0, vec![record]).unwrap();
+        for dataset in [dataset.in_own_rows(), dataset] {
+            let found = of_periods(&dataset.records[0], 10.0).unwrap();
+            assert!(
+                (found.estimate.rms_um / 0.003 - 1.0).abs() < 0.06,
+                "{}",
+                found.estimate.rms_um
+            );
+        }
     }
 
     /// Two whole periods of a multisine that was read back with noise, the second of them held out: its

@@ -5,7 +5,7 @@
 //! answered with a bus error, which is a hard fault, or raises the NMI, as the part has it, at every start.
 //! Here 32 bytes, a word or some of them, are read with FAULTMASK set and CCR.BFHFNMIGN with it, so that the
 //! processor ignores a bus error (Armv7-M, B3.2.8) and notes it in CFSR; what the flash interface notes, and
-//! what becomes of an NMI, the board knows ([`Platform::end_reading`]). Both are looked at after each piece.
+//! what becomes of an NMI, the board knows ([`FlashInterface`]). Both are looked at after each piece.
 //! FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its
 //! entry may vary, and sampling and latching are hardware's.
 
@@ -13,7 +13,13 @@ use core::arch::asm;
 
 use cortex_m::peripheral::SCB;
 
-use crate::board::{Board, Platform};
+/// What the part's flash interface notes while it is read.
+pub trait FlashInterface {
+    /// Before flash is read that may be damaged.
+    fn begin_reading();
+    /// Behind it: whether the interface has met a double ECC error.
+    fn end_reading() -> bool;
+}
 
 /// What is read at once: one or some words with an ECC of their own.
 const WORD_BYTES: usize = 32;
@@ -27,10 +33,13 @@ const BUS_FAULTS: u32 = 0xFF00;
 pub struct Unreadable(pub u32);
 
 /// Copies flash from `address`, the beginning of a word.
-pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
+///
+/// # Errors
+/// A word cannot be read.
+pub fn copy<F: FlashInterface>(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
     for (nth, piece) in (0u32..).zip(into.chunks_mut(WORD_BYTES)) {
         let from = address + nth * WORD_BYTES as u32;
-        let word = word_at(from).ok_or(Unreadable(from))?;
+        let word = word_at::<F>(from).ok_or(Unreadable(from))?;
         for (to, byte) in piece
             .iter_mut()
             .zip(word.iter().flat_map(|four| four.to_le_bytes()))
@@ -41,8 +50,8 @@ pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
     Ok(())
 }
 
-fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
-    Board::begin_reading();
+fn word_at<F: FlashInterface>(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
+    F::begin_reading();
     let mut word = [0; WORD_BYTES / 4];
     // SAFETY: the system control block's registers are there, and only thread code touches these two.
     let control = unsafe { &*SCB::PTR };
@@ -63,7 +72,7 @@ fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
         control.ccr.write(before);
         bus_error != 0
     };
-    let damaged = Board::end_reading();
+    let damaged = F::end_reading();
     if bus_error || damaged {
         None
     } else {

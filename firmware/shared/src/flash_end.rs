@@ -1,6 +1,6 @@
-//! How an operation of a bank of the flash ended (RM0433, 4.3.9 and 4.3.10). The boot stage has this file too.
+//! How an operation of a bank of the flash ended (RM0433, 4.3.9 and 4.3.10).
 
-use super::flash::Bank;
+use stm32_metapac::flash::Bank;
 
 /// Whether what the bank did succeeded, and its flags cleared; `None` while it is busy.
 pub fn succeeded(bank: Bank) -> Option<bool> {

@@ -1,0 +1,149 @@
+//! `stepping`.
+
+use crate::arguments::{Outputs, as_typed};
+use crate::desk::Desk;
+use crate::read_arguments::ReadArguments;
+use hysteron::servo::stepping_contact::{IdentifiedContact, identify_contact, rig_on_platform};
+use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
+use hysteron::stepping::{Measured, SteppingMeasure, SteppingTrain, measure};
+use hysteron::{Dataset, Error, Result};
+use hysteron_report::stepping_page;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+fn figure(figure: Measured, unit: &str) -> String {
+    format!("{:.4} ± {:.4} {unit}", figure.value, figure.std)
+}
+
+fn print_train(train: &SteppingTrain) {
+    println!(
+        "  {} from {:.3} s: {} saw-teeth of {:.1} V at {:.2} Hz, {} counted",
+        train.record,
+        train.from_s,
+        train.teeth,
+        train.amplitude_v,
+        train.frequency_hz,
+        train.counted
+    );
+    println!(
+        "    velocity {}, step {}, scatter {}, backward {}",
+        figure(train.velocity_um_s, "um/s"),
+        figure(train.step_um, "um"),
+        figure(train.scatter_um, "um"),
+        figure(train.backward_um, "um")
+    );
+    if let Some(stop) = &train.stop {
+        println!(
+            "    stop: swing {}, settles in {:.2} ms",
+            figure(stop.swing_um, "um"),
+            1e3 * stop.settling_s
+        );
+    }
+}
+
+/// What is known of a rig, so that its contact can be identified.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct RigArguments {
+    /// Model of the platform, recorded without the slider: identifies the contact beside the measure
+    #[arg(long, value_name = "MODEL", requires_all = ["slider_kg", "platform_stiffness_n_um"])]
+    platform: Option<PathBuf>,
+    /// Mass of the slider
+    #[arg(long, value_name = "KG", requires = "platform")]
+    slider_kg: Option<f64>,
+    /// Stiffness of the piezo with the platform
+    #[arg(long, value_name = "N/UM", requires = "platform")]
+    platform_stiffness_n_um: Option<f64>,
+}
+
+/// What `stepping --json` carries.
+#[derive(Serialize)]
+struct SteppingFigures<'a> {
+    #[serde(flatten)]
+    found: &'a SteppingMeasure,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contact: Option<IdentifiedContact>,
+}
+
+fn above_zero(option: &str, value: Option<f64>) -> Result<f64> {
+    let value = value.unwrap_or(0.0);
+    if value > 0.0 && value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Error::new(option, format!("{value}; expected above 0")))
+    }
+}
+
+/// Identifies the contact and prints it, with the teeth that suit the rig.
+fn contact(
+    desk: &Desk,
+    dataset: &Dataset,
+    rig: &RigArguments,
+) -> Result<Option<IdentifiedContact>> {
+    let Some(platform) = &rig.platform else {
+        return Ok(None);
+    };
+    let stiffness = above_zero("--platform-stiffness-n-um", rig.platform_stiffness_n_um)?;
+    let mass_kg = above_zero("--slider-kg", rig.slider_kg)?;
+    let mut known = rig_on_platform(&desk.model(platform)?, stiffness, mass_kg)
+        .map_err(|m| Error::new(platform.display(), m))?;
+    // A single file is two records of one tape.
+    let tape = &dataset.records[0];
+    let (drive_v, rate_hz) = (&tape.drive_v, tape.sample_rate_hz);
+    let found = identify_contact(&known, drive_v, &tape.displacement_um, rate_hz)
+        .map_err(|m| Error::new(&tape.source, m))?;
+    println!(
+        "  contact: Coulomb force {}, stiffness {}, damping {}, break-away ratio {}; it leaves {:.2} nm",
+        figure(found.coulomb_force_n.times(1e3), "mN"),
+        figure(found.stiffness_n_um, "N/um"),
+        figure(found.damping_n_s_um.times(1e3), "N s/mm"),
+        figure(found.breakaway_ratio, "").trim_end(),
+        1e3 * found.residual_um
+    );
+    known.friction = found.friction;
+    match SteppingDesign::new(&known, &SteppingOrder::default()) {
+        Ok(design) => println!(
+            "  fastest saw-teeth of {:.0} to {:.0} V at 100 V/ms: slow flank {:.1} ms with curvature {}, {:.2} um a step, {:.0} um/s",
+            design.tooth.ends_v[0],
+            design.tooth.ends_v[1],
+            1e3 * design.tooth.slow_s,
+            design.tooth.curvature,
+            design.tooth.step_um,
+            design.tooth.velocity_um_s()
+        ),
+        Err(reason) => println!("  no stepping servo: {reason}"),
+    }
+    Ok(Some(found))
+}
+
+/// Measures the performance of a stick-slip drive from a recording.
+pub fn stepping(
+    path: &Path,
+    rig: &RigArguments,
+    reading: &ReadArguments,
+    outputs: &Outputs,
+) -> Result<bool> {
+    let desk = Desk::new(outputs.force);
+    let dataset = desk.dataset(path, reading)?;
+    outputs.check(&desk)?;
+    let found = measure(&dataset)?;
+    let noise = found.noise_um.map_or_else(
+        || "no rest shows the sensor's noise, so the scatter holds it".to_owned(),
+        |um| format!("noise of the sensor {:.2} nm", 1e3 * um),
+    );
+    println!(
+        "{}: {} trains of saw-teeth; {noise}",
+        found.name,
+        found.trains.len()
+    );
+    found.trains.iter().for_each(print_train);
+    let contact = contact(&desk, &dataset, rig)?;
+    let figures = SteppingFigures {
+        found: &found,
+        contact,
+    };
+    desk.write_json(outputs.json.as_deref(), &figures)?;
+    desk.write_page(outputs.report.as_deref(), || {
+        stepping_page(&found, &dataset, as_typed())
+    })?;
+    Ok(true)
+}

@@ -1,0 +1,136 @@
+//! The recording of a stick-slip drive, measured.
+
+use crate::common::hysteron;
+use hysteron_sim::stick_slip::StickSlipActuator;
+use hysteron_sim::waveform;
+use std::fmt::Write;
+
+const SAMPLE_RATE_HZ: f64 = 20_000.0;
+
+fn csv(drive_v: &[f64], reading_um: &[f64]) -> String {
+    let mut csv = "t_s,u_v,y_um\n".to_owned();
+    for (k, (u, y)) in drive_v.iter().zip(reading_um).enumerate() {
+        writeln!(csv, "{:.5},{u:.5},{y:.5}", k as f64 / SAMPLE_RATE_HZ).unwrap();
+    }
+    csv
+}
+
+/// Two trains with a rest behind each, without noise.
+fn recording() -> String {
+    let mut drive_v = vec![0.0; 100];
+    for (frequency_hz, height_v) in [(50.0, 50.0), (80.0, 70.0)] {
+        drive_v.extend(waveform::saw_tooth(
+            SAMPLE_RATE_HZ,
+            frequency_hz,
+            height_v,
+            1.0,
+            12,
+        ));
+        drive_v.extend([0.0; 600]);
+    }
+    let motion = StickSlipActuator::thesis(0.0635).simulate(&drive_v, SAMPLE_RATE_HZ);
+    csv(&drive_v, &motion.end_effector_um)
+}
+
+#[test]
+fn a_stick_slip_recording_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("rig.csv"), recording()).unwrap();
+    let arguments = [
+        "stepping", "rig.csv", "--json", "rig.json", "--report", "rig.html",
+    ];
+    let output = hysteron(&arguments, folder.path());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let text = std::fs::read_to_string(folder.path().join("rig.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let trains = figures["trains"].as_array().unwrap();
+    assert_eq!(
+        trains.len(),
+        2,
+        "{}",
+        String::from_utf8_lossy(&output.stdout)
+    );
+    // Chapter 3: the speed grows with amplitude and frequency.
+    let velocity = |nth: usize| trains[nth]["velocity_um_s"]["value"].as_f64().unwrap();
+    assert!(velocity(0) > 50.0 && velocity(1) > 1.5 * velocity(0));
+    let page = std::fs::read_to_string(folder.path().join("rig.html")).unwrap();
+    assert!(page.contains("Trains of saw-teeth"));
+}
+
+#[test]
+fn a_recording_without_saw_teeth_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive_v: Vec<f64> = (0..2000)
+        .map(|k| 25.0 - 25.0 * (0.02 * f64::from(k)).cos())
+        .collect();
+    let reading_um: Vec<f64> = drive_v.iter().map(|u| 0.1 * u).collect();
+    std::fs::write(folder.path().join("sine.csv"), csv(&drive_v, &reading_um)).unwrap();
+    let output = hysteron(&["stepping", "sine.csv"], folder.path());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        errors.contains("sine.csv") && errors.contains("saw-teeth"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = StickSlipActuator::thesis(0.0635);
+    let mut noise = hysteron::WhiteNoise::new(0.003, 5);
+    let mut noisy = |y: &[f64]| -> Vec<f64> { y.iter().map(|y| y + noise.next_um()).collect() };
+    let vertices = [
+        0.0, 20.0, 5.0, 40.0, 10.0, 60.0, 20.0, 80.0, 0.0, 100.0, 0.0, 70.0, 30.0, 90.0, 0.0,
+    ];
+    let mut drive_v = vec![0.0; 400];
+    drive_v.extend(waveform::triangles(SAMPLE_RATE_HZ, 2000.0, &vertices));
+    drive_v.extend([40.0; 600].iter().chain(&[0.0; 800]));
+    drive_v.extend([90.0; 600].iter().chain(&[0.0; 800]));
+    let platform = rig.simulate(&drive_v, SAMPLE_RATE_HZ).platform_um;
+    std::fs::write(
+        folder.path().join("platform.csv"),
+        csv(&drive_v, &noisy(&platform)),
+    )
+    .unwrap();
+    let mut drive_v = vec![0.0; 400];
+    drive_v.extend(waveform::saw_tooth(SAMPLE_RATE_HZ, 60.0, 50.0, 1.0, 6));
+    drive_v.extend([0.0; 400]);
+    let slider = rig.simulate(&drive_v, SAMPLE_RATE_HZ).end_effector_um;
+    std::fs::write(
+        folder.path().join("slider.csv"),
+        csv(&drive_v, &noisy(&slider)),
+    )
+    .unwrap();
+    for line in [
+        "identify platform.csv --effects hysteresis,vibration --out platform.toml",
+        "stepping slider.csv --platform platform.toml --slider-kg 0.0635 --platform-stiffness-n-um 45 --json rig.json",
+    ] {
+        let arguments: Vec<&str> = line.split_whitespace().collect();
+        let output = hysteron(&arguments, folder.path());
+        let text = String::from_utf8_lossy(&output.stdout);
+        println!("{text}");
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert_eq!(
+            line.starts_with("stepping"),
+            text.contains("fastest saw-teeth")
+        );
+    }
+    let text = std::fs::read_to_string(folder.path().join("rig.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let found = |name: &str| figures["contact"][name]["value"].as_f64().unwrap();
+    // The platform's model has an error of its own, so the deviations of the contact alone do not bound these.
+    assert!(
+        (found("coulomb_force_n") / 0.0362 - 1.0).abs() < 0.03,
+        "{text}"
+    );
+    assert!(
+        (found("stiffness_n_um") / 0.482 - 1.0).abs() < 0.06,
+        "{text}"
+    );
+}

@@ -1,0 +1,50 @@
+//! A stepping drive on rigs that differ from its model by 30 % and follow other equations.
+
+use hysteron_research::stick_slip_study::{
+    Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design,
+};
+use hysteron_tests::lugre_rig::RigFactors;
+
+/// What is asked of every move, um.
+const WITHIN_UM: f64 = 0.05;
+
+/// Moves every rig to a target, and plays as many teeth without feedback as the model needs.
+fn every_rig_reaches(target_um: f64) {
+    let design = thesis_design().unwrap();
+    let mut open_um = 0.0_f64;
+    for equations in [Equations::Chapter3, Equations::Lugre] {
+        for (nth, factors) in RigFactors::FIVE.into_iter().enumerate() {
+            let figures = closed_move(&design, equations, factors, target_um).unwrap();
+            let why = format!("{equations:?}, rig {nth}: {figures:?}");
+            assert!(figures.arrived_s.is_some(), "{why}");
+            assert!(figures.error_max_um < WITHIN_UM, "{why}");
+            assert_eq!(figures.counters.saturated_values, 0, "{why}");
+            open_um = open_um.max(open_loop_error_um(&design, equations, factors, target_um).abs());
+        }
+    }
+    assert!(open_um > 0.3 * target_um, "saw-teeth alone: {open_um} um");
+}
+
+#[test]
+fn a_tenth_of_a_millimetre_is_reached_on_every_rig() {
+    every_rig_reaches(100.0);
+}
+
+#[test]
+fn a_velocity_is_kept_on_rigs_of_other_equations() {
+    let design = thesis_design().unwrap();
+    for nth in [1, 4] {
+        let found = followed_um_s(&design, Equations::Lugre, RigFactors::FIVE[nth], 100.0).unwrap();
+        assert!((found - 100.0).abs() < 5.0, "{found} um/s");
+    }
+}
+
+mod long {
+    use super::*;
+
+    #[test]
+    #[ignore = "10 s of processor: cargo xtask full"]
+    fn ten_millimetres_are_reached_on_every_rig() {
+        every_rig_reaches(10_000.0);
+    }
+}
