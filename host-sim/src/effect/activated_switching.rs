@@ -485,7 +485,6 @@ impl Effect for ActivatedSwitching {
                 against: Against::Rate,
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
-            // Three times the values of the surfaces, which can take in other effects.
             tried_for_loops: LoopsTried::FarAbove,
             // 120 ns, of `cargo run --release -p hysteron-research --example speed`.
             lasts_steps: Some(13),

@@ -283,8 +283,7 @@ pub enum LoopsTried {
     Never,
     /// Once there is a structure.
     AtFirst,
-    /// Once nothing else helps far above the noise: they have so many values that they can take in other
-    /// effects, or take much longer.
+    /// Once there are loops, or nothing else helps, far above the noise: they take much longer.
     FarAbove,
 }
 

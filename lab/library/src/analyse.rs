@@ -14,7 +14,7 @@ use crate::diagnosis::pool::{Entry, Move, Pool};
 use crate::diagnosis::prior;
 use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
-use crate::diagnosis::search::{Search, structure};
+use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
 use crate::diagnosis::searched_data::for_evidence;
 use crate::diagnosis::selection::least_difference_um;
 use crate::diagnosis::study::Study;
@@ -35,7 +35,7 @@ use crate::quality::{self, End, Issue, Moment, Severity};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::quantisation::{self, Quantisation};
-use hysteron_sim::effect::{Effect, Overview, gain, registry};
+use hysteron_sim::effect::{Effect, Overview, registry};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -441,7 +441,7 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
                     study,
                     Pool::of(study, &base.model),
                     &base,
-                    &structure_of(&base.model),
+                    &structure_beside_a_gain(&base.model),
                 ),
                 issues => Ok(Grown { issues, ..at(base) }),
             }
@@ -462,10 +462,6 @@ fn at(judged: Judged) -> Grown {
         }],
         ..Grown::default()
     }
-}
-
-fn structure_of(model: &Model) -> Option<String> {
-    structure(model).filter(|of| of != gain::ID)
 }
 
 /// From where a pool begins to the best that the data support. `loops` is the structure of the loops that
@@ -780,7 +776,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
             ..at(compared.refitted)
         });
     }
-    let loops = structure_of(&compared.base.model);
+    let loops = structure_beside_a_gain(&compared.base.model);
     if compared.at_home || study.watch.stopped() {
         return grow(
             study,

@@ -10,8 +10,8 @@
 //!
 //! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
 //! looks like a better description of them, so the other structures of the library are tried once, and each
-//! kind that comes near the best has a beam of its own. A structure that takes long, or has many values, comes
-//! when nothing else helps far above the noise: tried earlier it takes in delays and lags.
+//! kind that comes near the best has a beam of its own. A structure that takes long comes far above the noise
+//! only, once there are loops or nothing else helps.
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -130,7 +130,8 @@ impl<'s, 'a> Search<'s, 'a> {
             if !self.is_bare_gain(self.pool.best()) {
                 proposals.extend(self.propose_structures(LoopsTried::AtFirst));
             }
-            if !near && (without_gain > 0 || proposals.is_empty()) {
+            let has_loops = structure_beside_a_gain(&self.pool.best().judged.model).is_some();
+            if !near && (has_loops || without_gain > 0 || proposals.is_empty()) {
                 proposals.extend(self.propose_structures(LoopsTried::FarAbove));
             }
             if proposals.is_empty() {
@@ -536,6 +537,12 @@ fn names(moves: &[Move]) -> String {
 /// Whether a model has the surfaces of the thesis for its loops, or none yet.
 fn has_surfaces(model: &Model) -> bool {
     structure(model).is_none_or(|of| [hysteresis::ID, gain::ID].contains(&of.as_str()))
+}
+
+/// The structure of the loops of a model, where it has any.
+#[must_use]
+pub fn structure_beside_a_gain(model: &Model) -> Option<String> {
+    structure(model).filter(|of| of != gain::ID)
 }
 
 /// The structure of the loops of a model: the effect that stands for its hysteresis.
