@@ -252,7 +252,7 @@ fn the_shipped_example_is_explained_twice_alike() {
 
 /// A model of the stage, and a recording whose displacement went through an extra lag in the sensor chain.
 #[test]
-#[ignore = "open: a first-order lag of 200 Hz put into a real recording is named a sensor filter, with confidence"]
+#[ignore = "open: a lag of 600 Hz put into a real recording is called a vibration, a sensor filter or a delay"]
 fn a_lag_that_a_recording_has_and_the_model_has_not_is_recognised() {
     let Some((_folder, mut dataset)) = measured(
         "piezo_stage",
@@ -297,6 +297,7 @@ fn a_lag_that_a_recording_has_and_the_model_has_not_is_recognised() {
         assert!(
             named.iter().all(|id| [
                 "sensor_bandwidth",
+                "sensor_filter",
                 "delay",
                 "amplifier_bandwidth",
                 "vibration"

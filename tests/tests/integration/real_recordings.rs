@@ -109,7 +109,6 @@ fn a_delay_of_real_readings_is_named_and_added() {
 /// while creep and friction are still missing: effects of the best model are exchanged for others that do
 /// much the same.
 #[test]
-#[ignore = "open: the trial of activated switching takes the steps that found the delay (out_of_time, two lags)"]
 fn a_delay_of_real_readings_takes_the_place_of_a_lag_that_was_added_first() {
     let Some(data) = beside("measured") else {
         return;

@@ -702,3 +702,57 @@ pub fn with_effect(model: &Model, instance: EffectInstance) -> Model {
     out.add(instance);
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Role;
+    use crate::model_file::effect_named;
+    use hysteron_sim::effect::Overview;
+    use hysteron_sim::noise::WhiteNoise;
+
+    /// A virgin stage, fitted from where a sweep would have left it: the history and the activation are found.
+    #[test]
+    fn a_fit_finds_the_history_of_activated_plays() {
+        let triangle = |period: usize| -> Vec<f64> {
+            let height = |k: usize| (k % period).min(period - k % period) as f64;
+            (0..4000)
+                .map(|k| 120.0 * height(k) / period as f64)
+                .collect()
+        };
+        let drives_v = [triangle(2000), triangle(250)];
+        let rough = Overview::without_data(0.0, 70.0);
+        let with = |overview: &Overview, values: &[f64]| {
+            let mut model = Model::new(0.0, 70.0);
+            let effect = effect_named("activated_switching").unwrap();
+            model.add(EffectInstance::new(effect, overview, values));
+            model
+        };
+        let mut values = with(&rough, &[]).effects[0].values();
+        values[..8].copy_from_slice(&[0.02, 1.0, 5.0, 0.2, 0.0, 0.0, 0.0, 2.0]);
+        let stage = with(&rough, &values);
+        let record = |(name, drive_v): (&str, &Vec<f64>)| {
+            let mut record = Record::new(name, 1000.0, drive_v.clone(), drive_v.clone())
+                .with_role(Role::Identify);
+            let mut noise = WhiteNoise::new(0.002, name.len() as u64);
+            record.displacement_um = stage.simulate(&record.drive());
+            record
+                .displacement_um
+                .iter_mut()
+                .for_each(|um| *um += noise.next_um());
+            record
+        };
+        let records = ["slow", "faster"]
+            .into_iter()
+            .zip(&drives_v)
+            .map(record)
+            .collect();
+        let dataset = Dataset::new("virgin", 0.0, 70.0, records).unwrap();
+        let begin = with(&dataset.overview(), &[]);
+        let found = fit(&begin, &dataset, &[0, 1], Effort::default());
+        let values = found.model.effects[0].values();
+        assert!((values[0] - 0.02).abs() < 0.002, "activation {}", values[0]);
+        assert!(values[1] > 0.5, "forgotten {}", values[1]);
+        assert!(found.rms_um < 0.003, "{} um", found.rms_um);
+    }
+}
