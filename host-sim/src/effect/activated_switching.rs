@@ -486,7 +486,7 @@ impl Effect for ActivatedSwitching {
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
             tried_for_loops: LoopsTried::FarAbove,
-            // 120 ns, of `cargo run --release -p hysteron-research --example speed`.
+            // 52 ns, of `cargo run --release -p hysteron-research --example speed`, and a quarter more.
             lasts_steps: Some(13),
             equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 16 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 16)^1.5`, `j = 0..15`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
 
