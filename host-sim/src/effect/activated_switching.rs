@@ -28,13 +28,14 @@ const REVERSIBLE: usize = LEVELS;
 /// Parameters in front of the coefficients.
 const SHAPE: usize = 2;
 /// Share of the range of the readings within which a coefficient of order one is expected where the data leave
-/// it open; one of order `n`, within a share of that by the square of `n`: a smooth density. Without this, loops
-/// of 5 Hz predict 20 and 40 Hz to 463 and 394 instead of 114 and 94 nm.
+/// it open; one of order `n`, within a share of that by the square of `n`: a smooth density. With 32
+/// plays loops of 5 Hz predict 20 and 40 Hz to 463 and 394 nm without this, to 114 and 94 nm with it.
 const EXPECTED_SHARE: f64 = 0.3;
 /// Share of the range of the readings by which a coefficient is varied.
 const STEP_SHARE: f64 = 0.01;
 /// A stage has forgotten nothing of a sweep to its lower limit, or all of it, as a virgin one. Records that begin
-/// far from that limit do not show it: left open there, 5 Hz predicts 20 Hz to 319 nm.
+/// far from that limit do not show it: left open
+/// there, 5 Hz predicts 20 Hz to 319 instead of 155 nm (32 plays).
 const EXPECTED_FORGOTTEN: f64 = 0.3;
 const FORGOTTEN_STEP: f64 = 0.02;
 /// Time between two attempts over a barrier, s. Another one scales all thresholds.
@@ -486,11 +487,11 @@ impl Effect for ActivatedSwitching {
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
             tried_for_loops: LoopsTried::FarAbove,
-            // 52 ns, of `cargo run --release -p hysteron-research --example speed`, and a quarter more.
+            // 52 ns, and 4 ns of `hysteresis`, in `cargo run --release -p hysteron-research --example speed`.
             lasts_steps: Some(13),
-            equations: r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and 16 play operators of the thresholds `r_j = 0.55 ((j + 1/2) / 16)^1.5`, `j = 0..15`: each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)`, `w_j = activation r_j`, `t_0 = 1e-4 s`.
+            equations: r"`X = (x - drive_min_v) / (drive_max_v - drive_min_v)`. There are 16 play operators, `j = 0..15`, of the thresholds `r_j = 0.55 ((j + 1/2) / 16)^1.5`. Each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)` with `w_j = activation r_j` and `t_0 = 1e-4 s`.
 
-`Y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) (P_k(2 z_j - 1) - P_k(2 X - 1))` with Legendre polynomials `P`, and `h_j = ((j + 1) / 16)^0.75 - (j / 16)^0.75`.
+`Y = sum_i reversible_i_um P_i(2 X - 1) + sum_j h_j sum_(i,k) switching_i_k_um P_i(2 sqrt(r_j / 0.55) - 1) (P_k(2 z_j - 1) - P_k(2 X - 1))`. `P` are Legendre polynomials, and `h_j = ((j + 1) / 16)^0.75 - (j / 16)^0.75`.
 
 Over an interval `X` is constant. With `d = (2 T / t_0) exp(-1 / activation)`, `a = 1 - exp(-d)`, `b = 1 + exp(-d)` and `q = exp(-|X - z_j| / w_j)` the new distance is `w_j ln((b + q a) / (a + q b))`. Where `q > 1e12 a` the play stands still. At rest each play has followed `X` for 10 s from `1 - forgotten` times where 10 s at `X = 0` leave one that stood at `r_j`. `y = Y - Y_0`, where `Y_0` is `Y` at rest at `X = 0`.",
             ..Declaration::of_loops()

@@ -116,7 +116,7 @@ fn was_written_here(path: &Path) -> bool {
 }
 
 /// The recordings below a folder, by their paths there: files, and folders with a manifest. What the program
-/// wrote there before is none.
+/// wrote there is left out.
 fn recordings_in(folder: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let mut open = vec![PathBuf::new()];

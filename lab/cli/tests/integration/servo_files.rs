@@ -593,7 +593,7 @@ fn an_unstable_loop_is_told_with_the_criterion_that_it_breaks() {
     );
 }
 
-/// It is no unstable loop because it is none.
+/// Without feedback nothing can be unstable.
 #[test]
 fn a_scheme_without_feedback_has_no_loop_to_judge() {
     let folder = folder();
