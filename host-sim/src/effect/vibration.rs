@@ -161,10 +161,15 @@ impl Stage for VibrationStage {
         let held = matches!(self.first, Some(First::Held(_)));
         (held && self.late.is_empty()).then_some(self)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let first = match &self.first {
             Some(First::Free(mode)) => Some(mode.as_linear()),
-            Some(First::Held(_) | First::Balanced(_)) => return None,
+            Some(First::Held(_)) => {
+                return Err("friction holds its mass by a bristle that sticks and slides in steps of its own inside a sample");
+            }
+            Some(First::Balanced(_)) => {
+                return Err("forces in the balance of its mass take steps of their own");
+            }
             None => None,
         };
         let second = self
@@ -180,7 +185,7 @@ impl Stage for VibrationStage {
             whole: self.late.len(),
             late_share: 0.0,
         });
-        Some(late.into_iter().chain([Block::Linear(modes)]).collect())
+        Ok(late.into_iter().chain([Block::Linear(modes)]).collect())
     }
     fn settle(&mut self, input: f64) -> f64 {
         let mut rest = input;

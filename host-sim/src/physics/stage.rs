@@ -62,9 +62,12 @@ pub trait Stage: Send {
         }
     }
 
-    /// What it computes, as numbers, for exports; `None` where no block does that.
-    fn blocks(&self) -> Option<Vec<Block>> {
-        None
+    /// What it computes, as numbers, for exports.
+    ///
+    /// # Errors
+    /// Why no block does that.
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Err("no block of an export computes it")
     }
 
     /// The costly part of the stage, where another may share it.
