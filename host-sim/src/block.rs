@@ -7,6 +7,7 @@
 use crate::chain::{Drive, InitialState, Model};
 use crate::hysteresis_surface::{STACK_CAPACITY, Surfaces};
 use crate::intersample::Intersample;
+use crate::law::Law;
 
 /// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`;
 /// `x` counts from `offset`, and so does `y`.
@@ -335,6 +336,8 @@ pub enum Block {
     CreepingPlays(Vec<CreepingPlay>),
     /// What a user wrote.
     Written(Written),
+    /// A mass that works against forces or is held by a bristle, and where such forces rest without one.
+    Mass(Law),
     /// `y = x (1 + per_um m)`, where `m` follows `x` by `m = x + decay (m - x)`.
     BiasedGain {
         /// 1/um.

@@ -46,24 +46,24 @@ pub struct Law {
 }
 
 impl Law {
-    fn of(step: &str) -> Self {
+    pub(crate) fn of(step: &str) -> Self {
         Self {
             step: step.to_owned(),
             ..Self::default()
         }
     }
 
-    fn value(mut self, name: &'static str, value: f64) -> Self {
+    pub(crate) fn value(mut self, name: &'static str, value: f64) -> Self {
         self.numbers.push((name, LawNumber::Value(value)));
         self
     }
 
-    fn count(mut self, name: &'static str, count: usize) -> Self {
+    pub(crate) fn count(mut self, name: &'static str, count: usize) -> Self {
         self.numbers.push((name, LawNumber::Count(count)));
         self
     }
 
-    fn list(mut self, name: &'static str, values: Vec<f64>) -> Self {
+    pub(crate) fn list(mut self, name: &'static str, values: Vec<f64>) -> Self {
         self.numbers.push((name, LawNumber::List(values)));
         self
     }
@@ -74,7 +74,7 @@ impl Law {
             .list(names[2], plays.iter().map(|play| play.weight).collect())
     }
 
-    fn state(mut self, name: &str, size: Option<usize>) -> Self {
+    pub(crate) fn state(mut self, name: &str, size: Option<usize>) -> Self {
         self.states.push(LawState {
             name: name.to_owned(),
             size,
@@ -92,11 +92,24 @@ impl Law {
         self
     }
 
-    fn begins(self, lines: &str) -> Self {
+    pub(crate) fn begins(self, lines: &str) -> Self {
         Self {
             begin: lines.to_owned(),
             ..self
         }
+    }
+
+    /// This and a linear part that has a share in the output.
+    pub(crate) fn beside(mut self, share: f64, linear: &Linear) -> Self {
+        let other = law_of_linear(linear);
+        self.step += &format!(
+            "first = y\n{}y = first + {share:e} * (y - first)\n",
+            other.step
+        );
+        self.begin += &other.begin;
+        self.numbers.extend(other.numbers);
+        self.states.extend(other.states);
+        self
     }
 }
 
@@ -313,9 +326,9 @@ const SHARE: &str = "v = (x - lower) / span
 const SOLVED: &str = "wanted = x - lower
 if wanted != given
   near = kept_newest
-  short = given - wanted
+  lacks = given - wanted
   far = 0
-  if short < 0
+  if lacks < 0
     far = 1
   beyond = 0
   stayed = 0
@@ -328,25 +341,25 @@ if wanted != given
     is_open = kept_is_open
 TRIED
     left = still - wanted
-    if n == 0 || left * short <= 0
+    if n == 0 || left * lacks <= 0
       far = v
       beyond = left
       if stayed < 0
-        short = 0.5 * short
+        lacks = 0.5 * lacks
       stayed = -1
     else
       near = v
-      short = left
+      lacks = left
       if stayed > 0
         beyond = 0.5 * beyond
       stayed = 1
     n = n + 1
     if n == 1
       stayed = 0
-    if beyond * short >= 0 || abs(left) <= 1e-14 * max(abs(wanted), 1) || abs(far - near) <= 1e-15
+    if beyond * lacks >= 0 || abs(left) <= 1e-14 * max(abs(wanted), 1) || abs(far - near) <= 1e-15
       n = 60
     else
-      v = near + (far - near) * short / (short - beyond)
+      v = near + (far - near) * lacks / (lacks - beyond)
   kept_newest = newest
   kept_opened = opened
   kept_pairs = pairs
@@ -425,7 +438,7 @@ y = held
 ";
 
 /// Lines one step deeper.
-fn deeper(lines: &str, by: usize) -> String {
+pub(crate) fn deeper(lines: &str, by: usize) -> String {
     let indent = "  ".repeat(by);
     lines
         .lines()
@@ -505,6 +518,7 @@ impl Block {
                 .begins("last = lower\nside = 1\n"),
             Self::CreepingPlays(plays) => law_of_creeping_plays(plays),
             Self::Written(written) => law_of_written(written),
+            Self::Mass(law) => law.clone(),
             Self::Plays {
                 plays,
                 zones,

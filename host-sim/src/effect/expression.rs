@@ -421,7 +421,7 @@ impl Stage for ExpressionStage<'_> {
         if (first_recorded..own).any(|at| all().any(|formula| formula.uses(at))) {
             return Err("it takes signals that are recorded beside the drive");
         }
-        if states.len() > 0 && values[states.clone()].iter().any(|value| value.is_nan()) {
+        if !states.is_empty() && values[states.clone()].iter().any(|value| value.is_nan()) {
             return Err("its states are too fast for the sampling rate");
         }
         let given = ["now", "rate", "time", "u", "force"].map(str::to_owned);
