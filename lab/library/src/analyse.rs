@@ -532,17 +532,12 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let weighed = weigh(&mut pool, &mut minimal)?;
     let [weighed, open] = names_and_open(weighed, Some(&ablated), &study.policy);
     let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
-    let end = end_of(&pool, &minimal);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
-    let mut thorough = study.thoroughly(&end.judged.model);
+    let end = end_of(&mut pool, &minimal);
+    let mut end_judged = study.judged(end.judged.model.clone());
     if study.searched_beginnings() {
-        thorough = with_creep_of_the_whole(study, thorough);
+        end_judged = with_creep_of_the_whole(study, end_judged);
     }
-    let end_judged = if thorough.identify_rms_um.is_finite() {
-        thorough
-    } else {
-        study.judged(end.judged.model.clone())
-    };
     let origin: Vec<Move> = pool.origin.clone();
     let added: Vec<String> = end
         .added()
@@ -662,23 +657,33 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
 }
 
 /// The model at the end: the best of those that have all that one of the simplest has, where every move must
-/// lower the error by the margin at the noise.
-fn end_of(pool: &Pool, minimal: &[String]) -> Entry {
-    let simplest: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
+/// lower the error by the margin at the noise. It is the best once it is fitted to its end: a good held-out
+/// error half way is chance.
+fn end_of(pool: &mut Pool, minimal: &[String]) -> Entry {
+    let simplest: Vec<Vec<Move>> = minimal
+        .iter()
+        .map(|k| pool.entries[k].moves.clone())
+        .collect();
     let margin = pool.study.policy.matters_at_noise;
-    let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
-    let has_all = |e: &&Entry| {
+    let has_all = |e: &Entry| {
         e.compared
             && simplest
                 .iter()
-                .any(|s| s.moves.iter().all(|m| e.moves.contains(m)))
+                .any(|moves| moves.iter().all(|m| e.moves.contains(m)))
     };
-    pool.entries
-        .values()
-        .filter(has_all)
-        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
-        .unwrap_or_else(|| pool.best())
-        .clone()
+    loop {
+        let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
+        let ends = pool.entries.iter().filter(|(_, e)| has_all(e));
+        let Some((key, _)) = ends.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1))) else {
+            return pool.best().clone();
+        };
+        let key = key.clone();
+        let is_last = pool.entries[&key].finished || pool.study.budget.is_over();
+        pool.finish(&key);
+        if is_last {
+            return pool.entries[&key].clone();
+        }
+    }
 }
 
 /// The simplest models as they are written: of those with the same moves the best.
@@ -800,7 +805,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         change: ModelChange::Start,
         judged: base.clone(),
     }];
-    let (moves, mut fitted) = match &simplest {
+    let (moves, fitted) = match &simplest {
         Some(entry) => {
             let told = study.judged(prior::all_free(&entry.judged.model, &base.model));
             let changed = entry.moves.iter().map(|m| match m {
@@ -864,7 +869,6 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         grown = grow(study, pool, &fitted, &loops)?;
         steps.extend(grown.steps.drain(..).skip(1));
         grown.tried = tried;
-        fitted = steps[steps.len() - 1].judged.clone();
     } else {
         let weighed = weigh(&mut pool, &mut minimal)?;
         [grown.weighed, grown.open] = names_and_open(weighed, None, &study.policy);
@@ -877,7 +881,6 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
             .cloned()
             .collect();
     }
-    let _ = fitted;
     // A new fit of everything is no value that has changed.
     let told = grown.simplest.first().filter(|e| e.held);
     grown.changed = told.map_or_else(Vec::new, |entry| {
