@@ -3,6 +3,7 @@
 //! Every front end calls [`analyse`].
 
 use crate::dataset::Dataset;
+use crate::dataset::issue::{Issue, Severity};
 use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::closure::close;
 use crate::diagnosis::findings::{Fits, Weighed, names_and_open, test_slots, weigh};
@@ -16,7 +17,7 @@ use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
 use crate::diagnosis::searched_data::for_evidence;
-use crate::diagnosis::selection::least_difference_um;
+use crate::diagnosis::selection::{self, least_difference_um};
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -31,7 +32,8 @@ use crate::identify::require_chain;
 use crate::origin::{note_origin, read_as_recorded};
 use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
 use crate::parallel;
-use crate::quality::{self, End, Issue, Moment, Severity};
+use crate::phrases;
+use crate::quality::{self, End, Moment};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::quantisation::{self, Quantisation};
@@ -533,7 +535,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let [weighed, open] = names_and_open(weighed, Some(&ablated), &study.policy);
     let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
-    let end = end_of(&mut pool, &minimal);
+    let end = selection::end(&mut pool, &minimal);
     let mut end_judged = study.judged(end.judged.model.clone());
     if study.searched_beginnings() {
         end_judged = with_creep_of_the_whole(study, end_judged);
@@ -654,36 +656,6 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
     let again = study.begun_again(&best.judged)?;
     pool.keep(Entry::new(study, best.moves, again, true));
     Ok(())
-}
-
-/// The model at the end: the best of those that have all that one of the simplest has, where every move must
-/// lower the error by the margin at the noise. It is the best once it is fitted to its end: a good held-out
-/// error half way is chance.
-fn end_of(pool: &mut Pool, minimal: &[String]) -> Entry {
-    let simplest: Vec<Vec<Move>> = minimal
-        .iter()
-        .map(|k| pool.entries[k].moves.clone())
-        .collect();
-    let margin = pool.study.policy.matters_at_noise;
-    let has_all = |e: &Entry| {
-        e.compared
-            && simplest
-                .iter()
-                .any(|moves| moves.iter().all(|m| e.moves.contains(m)))
-    };
-    loop {
-        let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
-        let ends = pool.entries.iter().filter(|(_, e)| has_all(e));
-        let Some((key, _)) = ends.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1))) else {
-            return pool.best().clone();
-        };
-        let key = key.clone();
-        let is_last = pool.entries[&key].finished || pool.study.budget.is_over();
-        pool.finish(&key);
-        if is_last {
-            return pool.entries[&key].clone();
-        }
-    }
 }
 
 /// The simplest models as they are written: of those with the same moves the best.
@@ -950,7 +922,11 @@ fn next_experiment(
         has(&slot[1])?,
         &Limits::of(&dataset.overview()),
     )?;
-    let sentence = proposal.sentence(&words::spoken(&slot[0]), &words::spoken(&slot[1]), floor_um);
+    let sentence = proposal.sentence(
+        &phrases::spoken(&slot[0]),
+        &phrases::spoken(&slot[1]),
+        floor_um,
+    );
     Some(NextExperiment {
         between: [slot[0].clone(), slot[1].clone()],
         proposal,
