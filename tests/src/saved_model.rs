@@ -39,7 +39,7 @@ pub struct SavedModel {
 
 impl SavedModel {
     /// The heading of a table as CSV, errors in nm.
-    pub const HEADING: &'static str = "tape,reported,compared,simulated there,replay reported,simulated,inside the band %,half band over error,effects";
+    pub const HEADING: &'static str = "tape,reported_nm,compared_nm,simulated_there_nm,replay_reported_nm,simulated_nm,inside_band_pct,half_band_over_error,effects";
 
     /// A row of it.
     #[must_use]
