@@ -653,7 +653,7 @@ fn run(seed: u64, ticks: u32) -> Seen {
                 "without power towards rest only"
             );
         }
-        let converters = &all.amplifier.parameters().servo.converters;
+        let converters = &all.amplifier.servo().parameters().converters;
         let error_um = f64::from(sample.reference) / 2f64.powi(24)
             - f64::from(converters.position(last_reading)) / 2f64.powi(24);
         if mode != Mode::Closed {
