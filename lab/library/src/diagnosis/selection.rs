@@ -248,6 +248,7 @@ mod tests {
     use crate::model_file::effects_named;
     use crate::watch::Unwatched;
     use hysteron_sim::chain::{EffectInstance, Model};
+    use hysteron_sim::noise::WhiteNoise;
 
     /// A stage that moves 5 % further where it is held out. A fit that has not ended may stand there.
     #[test]
@@ -257,7 +258,11 @@ mod tests {
                 .map(|k| 50.0 - 50.0 * (0.006 * f64::from(k)).cos())
                 .collect();
             let before_v = std::iter::once(0.0).chain(drive_v.iter().copied());
-            let read_um = before_v.take(2000).map(|v| gain * v).collect();
+            let mut noise = WhiteNoise::new(0.002, name.len() as u64);
+            let read_um = before_v
+                .take(2000)
+                .map(|v| gain * v + noise.next_um())
+                .collect();
             Record::new(name, 1000.0, drive_v, read_um).with_role(role)
         };
         let records = vec![
@@ -270,12 +275,8 @@ mod tests {
         let entry = |names: &str, moves: &[String], gain: f64| {
             let mut model = Model::new(0.0, 100.0);
             for effect in effects_named(names).unwrap() {
-                let values = [gain];
-                let values = if effect.declaration().id == "gain" {
-                    &values[..]
-                } else {
-                    &[]
-                };
+                let is_gain = effect.declaration().id == "gain";
+                let values: &[f64] = if is_gain { &[gain] } else { &[] };
                 model.add(EffectInstance::new(effect, &dataset.overview(), values));
             }
             Entry::new(&study, added(moves), study.judged_quickly(model), true)
