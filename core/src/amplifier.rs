@@ -348,6 +348,8 @@ impl Amplifier {
     }
 
     /// Stops with a fault that was found outside the tick.
+    // Once, not at each of its dozen callers: it is rare and takes 200 bytes.
+    #[inline(never)]
     pub fn refuse(&mut self, fault: Fault) {
         self.fault.get_or_insert(fault);
         self.mode = Mode::Fault;

@@ -311,6 +311,8 @@ static PUBLISHED: Published = Published([const { UnsafeCell::new(State::BEFORE_T
 static PUBLICATION: AtomicU32 = AtomicU32::new(0);
 
 /// The amplifier after the last tick.
+// Once, not at each of its sixty callers: a copy of the state takes 130 to 400 bytes.
+#[inline(never)]
 pub fn state() -> State {
     loop {
         let before = PUBLICATION.load(Ordering::Acquire);

@@ -31,6 +31,7 @@ pub static WAVES: [AtomicI32; WAVE_MEMORY] = [const { AtomicI32::new(0) }; WAVE_
 pub struct Target;
 
 impl Device for Target {
+    #[inline(never)]
     fn view(&self) -> View {
         // All of one tick; for how long the error has been small is the trace task's, some ticks old.
         let (state, on_target_ticks) = (control::state(), telemetry::on_target_ticks());
