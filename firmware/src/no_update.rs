@@ -15,6 +15,11 @@ pub fn load() -> bool {
     false
 }
 
+/// Refuses.
+pub fn let_older_come() -> Result<(), &'static str> {
+    Err("this board has no room for a second image")
+}
+
 /// Nothing is kept of it.
 pub fn healthy() {}
 

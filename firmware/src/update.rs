@@ -4,14 +4,14 @@
 //! # How it works
 //! `UPD BEGIN` erases the room for the image and the journal, `UPD DATA` programs a flash word, `UPD COMMIT`
 //! compares the authentication code of what stands in flash with the one that the host names, and only then
-//! writes the request. The code is under a key in the boot stage's sector, which no command reads or writes; a
+//! writes the request, unless the image's version is lower than the running one's. The code is under a key in the boot stage's sector, which no command reads or writes; a
 //! board without one takes no image. The next start installs the image. Erase and program are bank 2's, and code runs from bank 1 and
 //! ITCM: neither ticks nor tasks wait. All of it is refused unless the power stage is off and the drive rests.
 //!
 //! An image that runs for the first time marks itself healthy after a second ([`healthy`]); until then every
 //! restart puts the previous image back.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
@@ -47,6 +47,8 @@ pub const HEADER: ImageHeader =
 static LENGTH: AtomicU32 = AtomicU32::new(0);
 static STORED: AtomicU32 = AtomicU32::new(0);
 static WANTED: Signal<ThreadModeRawMutex, Wanted> = Signal::new();
+/// Somebody at the probe lets an image of a lower version come, until the next restart.
+static OLDER_MAY_COME: AtomicBool = AtomicBool::new(false);
 
 /// What [`updater`] does next.
 #[derive(Clone, Copy)]
@@ -111,6 +113,12 @@ pub fn load() -> bool {
         WANTED.signal(Wanted::Mark(Mark::Reported));
     }
     state == UpdateState::RolledBack && !reported
+}
+
+/// Lets an image of a lower version than the running one's come, until the next restart.
+pub fn let_older_come() -> Result<(), &'static str> {
+    OLDER_MAY_COME.store(true, Ordering::Relaxed);
+    Ok(())
 }
 
 /// This image has been healthy for a second.
@@ -278,6 +286,12 @@ async fn request(code: AuthenticationCode) -> Result<(), &'static str> {
     let (length, header) = header(H743ZI.incoming).ok_or("it is no image of this project")?;
     if header.board != HEADER.board || header.front_end != HEADER.front_end || length > bytes {
         return Err("it is an image for another board or other converters");
+    }
+    let lowest = running().and_then(|running| running.release());
+    if header.release() < lowest && !OLDER_MAY_COME.load(Ordering::Relaxed) {
+        return Err(
+            "its version is lower than the running image's: `update older` at the probe allows it until a restart",
+        );
     }
     let request = Request { bytes, code };
     flash::write_word(H743ZI.journal, &request.word()).await?;
