@@ -45,6 +45,7 @@ pub mod self_test;
 pub mod sensor_lag;
 pub mod servo_parameters;
 pub mod servo_tick;
+pub mod set_point;
 pub mod signal;
 pub mod signal_filter;
 pub mod sliding_mode_controller;

@@ -175,6 +175,7 @@ pub struct ReferenceGenerator<Q> {
     phase: u32,
     chirp_increment: i64,
     player: TablePlayer,
+    latest: Q,
 }
 
 impl<Q: Quantity> ReferenceGenerator<Q> {
@@ -192,7 +193,20 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             phase: 0,
             chirp_increment,
             player: TablePlayer::default(),
+            latest: offset,
         }
+    }
+
+    /// The last sample.
+    #[must_use]
+    pub fn latest(&self) -> Q {
+        self.latest
+    }
+
+    /// Of a constant: the samples from now on.
+    #[inline]
+    pub fn stay_at(&mut self, offset: Q) {
+        self.offset = offset;
     }
 
     /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
@@ -267,7 +281,8 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             }
             Waveform::Table(table) => self.player.next_point(table),
         };
-        Q::of_bits(self.offset.bits().saturating_add(value))
+        self.latest = Q::of_bits(self.offset.bits().saturating_add(value));
+        self.latest
     }
 }
 

@@ -20,11 +20,12 @@ use crate::parameter_block::{
 };
 use crate::self_test::STEP_MILLIVOLTS;
 use crate::servo_parameters::LawParameters;
+use crate::set_point::SetPointParameters;
 
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 /// Bytes of the largest envelope.
 pub const ENVELOPE_BYTES: usize = 160;
 
@@ -84,6 +85,14 @@ pub struct SafetyEnvelope {
     pub monitor_tolerance_mv: u16,
     /// Longest time constant of amplifier and monitor together, us.
     pub monitor_lag_us: u32,
+    /// Position at code 0 of the analogue set point, nm.
+    pub set_point_at_code_0_nm: i32,
+    /// Positions over its 65,536 codes, nm; 0: it is not wired.
+    pub set_point_span_nm: u32,
+    /// Lowest position that it may lead to, nm.
+    pub set_point_min_nm: i32,
+    /// Highest one.
+    pub set_point_max_nm: i32,
     /// Positions of all codes of the sensor, nm: a block for another sensor closes no loop here.
     pub sensor_span_nm: u32,
     /// Largest change of the reading in a tick that a block may call honest, nm.
@@ -117,6 +126,10 @@ wire_struct!(SafetyEnvelope {
     monitor_span_uv,
     monitor_tolerance_mv,
     monitor_lag_us,
+    set_point_at_code_0_nm,
+    set_point_span_nm,
+    set_point_min_nm,
+    set_point_max_nm,
     sensor_span_nm,
     jump_within_nm,
     closes_untested,
@@ -183,6 +196,11 @@ impl SafetyEnvelope {
                 "every limit of the envelope must be more than none",
             ));
         }
+        if self.set_point_span_nm > 0 && self.set_point_min_nm >= self.set_point_max_nm {
+            return Err(BlockError::Range(
+                "the limits of the analogue set point must be in order",
+            ));
+        }
         if self.monitor_span_uv == 0 {
             return Ok(());
         }
@@ -221,6 +239,19 @@ impl SafetyEnvelope {
                 self.monitor_tolerance_mv,
                 self.monitor_lag_us,
                 sample_rate_hz,
+            )
+        })
+    }
+
+    /// How the analogue set point is wired; `None` where it is not.
+    #[must_use]
+    pub fn set_point(&self) -> Option<SetPointParameters> {
+        (self.set_point_span_nm > 0).then(|| {
+            SetPointParameters::new(
+                self.set_point_at_code_0_nm,
+                self.set_point_span_nm,
+                self.set_point_min_nm,
+                self.set_point_max_nm,
             )
         })
     }
@@ -397,6 +428,10 @@ pub(crate) mod tests {
             monitor_span_uv: 180_000_000,
             monitor_tolerance_mv: 500,
             monitor_lag_us: 2_000,
+            set_point_at_code_0_nm: -1_000,
+            set_point_span_nm: 15_000,
+            set_point_min_nm: 0,
+            set_point_max_nm: 10_000,
             sensor_span_nm: 15_000,
             jump_within_nm: 2_000,
             closes_untested: false,
@@ -424,6 +459,7 @@ pub(crate) mod tests {
             |e| e.current_ua = 0,
             |e| e.jump_within_nm = 0,
             |e| e.sensor_span_nm = 0,
+            |e| e.set_point_max_nm = 0,
             |e| e.monitor_at_code_0_uv = 1_000_000,
             |e| e.monitor_tolerance_mv = 0,
             |e| e.monitor_tolerance_mv = 1_500,

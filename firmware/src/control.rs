@@ -21,6 +21,7 @@ use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::{HostWatch, Missed};
 use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_core::set_point::InputState;
 use hysteron_core::trace_frame::PackedSample;
 
 use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
@@ -105,6 +106,8 @@ pub struct Control {
     pub last_cycles: Option<u32>,
     /// The amplifier's voltage monitor is wired.
     pub has_monitor: bool,
+    /// The analogue set point is wired.
+    pub has_set_point: bool,
     /// What may act, whatever block and law say; `None` without an envelope, where nothing is driven.
     pub limit: Option<OutputLimit>,
     /// Times that the tick counter has begun again.
@@ -243,6 +246,8 @@ static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
 static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
+/// The part is too hot for anything to be driven.
+static TOO_HOT: AtomicBool = AtomicBool::new(false);
 /// An alarm forbids to adapt the gain.
 static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
 
@@ -277,6 +282,8 @@ pub struct State {
     pub saturated_values: u32,
     /// Gain that is adapted, with its fraction bits; 0: none is.
     pub adapted_gain: i32,
+    /// What the loop has of the analogue set point.
+    pub input: InputState,
 }
 
 impl State {
@@ -298,6 +305,7 @@ impl State {
         rests: true,
         saturated_values: 0,
         adapted_gain: 0,
+        input: InputState::Off,
     };
 }
 
@@ -339,12 +347,19 @@ fn publish(state: State) {
 
 /// What the amplifier's voltage monitor read, or [`NO_CODE`]. Beside [`State`], which every tick copies.
 static MONITOR_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
-/// The monitor gave nothing.
+/// What the analogue set point read, or [`NO_CODE`].
+static SET_POINT_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
+/// The converter gave nothing.
 const NO_CODE: u32 = u32::MAX;
 
 /// What the amplifier's voltage monitor read last.
 pub fn monitor_code() -> Option<u16> {
     u16::try_from(MONITOR_CODE.load(Ordering::Relaxed)).ok()
+}
+
+/// What the analogue set point read last.
+pub fn set_point_code() -> Option<u16> {
+    u16::try_from(SET_POINT_CODE.load(Ordering::Relaxed)).ok()
 }
 
 /// Whether whoever gives commands, on whatever channel, is still there.
@@ -435,6 +450,11 @@ pub fn adapted_gain_millionths() -> u32 {
 /// Whether an alarm forbids to adapt it.
 pub fn hold_adaptation(held: bool) {
     ADAPTATION_HELD.store(held, Ordering::Relaxed);
+}
+
+/// Whether the part is too hot for anything to be driven.
+pub fn set_too_hot(too_hot: bool) {
+    TOO_HOT.store(too_hot, Ordering::Relaxed);
 }
 
 /// A line came: the host is there.
@@ -556,10 +576,20 @@ pub fn on_interrupt() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    if Converters::HAS_MONITOR && control.has_monitor {
+    if TOO_HOT.load(Ordering::Relaxed) {
+        control.amplifier.refuse(Fault::PartTooHot);
+    }
+    if Converters::HAS_MONITOR {
         let monitored = control.front_end.monitor();
-        MONITOR_CODE.store(monitored.map_or(NO_CODE, u32::from), Ordering::Relaxed);
-        control.amplifier.inspect_output(monitored);
+        if control.has_monitor {
+            MONITOR_CODE.store(monitored.map_or(NO_CODE, u32::from), Ordering::Relaxed);
+            control.amplifier.inspect_output(monitored);
+        }
+    }
+    if Converters::HAS_SET_POINT && control.has_set_point {
+        let code = control.front_end.set_point();
+        SET_POINT_CODE.store(code.map_or(NO_CODE, u32::from), Ordering::Relaxed);
+        control.amplifier.inspect_input(code);
     }
     control
         .amplifier
@@ -608,6 +638,7 @@ pub fn on_interrupt() {
             .servo()
             .adaptation()
             .map_or(0, GainAdaptation::gain),
+        input: amplifier.input_state(),
     });
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);

@@ -38,6 +38,8 @@ pub struct Wiring {
     pub drive_reads_back: bool,
     /// The amplifier's voltage monitor is wired.
     pub has_monitor: bool,
+    /// The analogue set point is wired.
+    pub has_set_point: bool,
 }
 
 impl Wiring {
@@ -48,6 +50,7 @@ impl Wiring {
             reference_span_mv: envelope.reference_span_mv,
             drive_reads_back: envelope.drive_reads_back,
             has_monitor: envelope.monitor_span_uv > 0,
+            has_set_point: envelope.set_point_span_nm > 0,
         }
     }
 }
@@ -65,6 +68,8 @@ pub trait FrontEnd {
     const READS_BACK: bool;
     /// The part can read the amplifier's voltage monitor.
     const HAS_MONITOR: bool;
+    /// The part can read an analogue set point.
+    const HAS_SET_POINT: bool;
     /// Whether it can give and take codes of so many bits.
     fn has(bits: CodeBits) -> bool;
     /// Not started yet; codes have so many bits, which it has.
@@ -80,9 +85,16 @@ pub trait FrontEnd {
     /// take that. The code that it was given last is in its register.
     fn renew(&mut self) -> bool;
     /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
-    /// conversion. `None` if its converter did not answer or is missing.
+    /// conversion, now and then of the part's temperature. `None` if its converter did not answer or is
+    /// missing.
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
+        None
+    }
+    /// What the analogue set point read during the last period, 65,536 codes; starts the next conversion.
+    /// `None` if its converter did not answer or is missing.
+    #[inline(always)]
+    fn set_point(&mut self) -> Option<u16> {
         None
     }
     /// Whether the register of the drive's converter held the code that was written last when the one

@@ -17,8 +17,8 @@ use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
 use crate::{
-    control, event_log, option_bytes, recorder, serial_line, settings, telemetry, update,
-    update_state,
+    control, event_log, option_bytes, recorder, serial_line, settings, telemetry, temperature,
+    update, update_state,
 };
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
@@ -42,6 +42,8 @@ impl Device for Target {
             adc_code: state.adc_code,
             dac_code: state.dac_code,
             monitor_code: control::monitor_code(),
+            set_point_code: control::set_point_code(),
+            input: state.input,
             reference: state.reference,
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,
@@ -184,6 +186,7 @@ impl Device for Target {
             block_checksum,
             protection: option_bytes::protection(),
             adapted_gain_millionths: control::adapted_gain_millionths(),
+            part_decicelsius: temperature::decicelsius(),
         }
     }
 

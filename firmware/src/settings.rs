@@ -129,9 +129,10 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
     }
     if (envelope.drive_reads_back && !Converters::READS_BACK)
         || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR)
+        || (envelope.set_point_span_nm > 0 && !Converters::HAS_SET_POINT)
     {
         return Err(
-            "the drive's converter is to be read back or the output watched, and this board cannot",
+            "the drive's converter is to be read back, the output watched or a set point read, and this board cannot",
         );
     }
     Ok(())

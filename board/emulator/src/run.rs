@@ -71,6 +71,10 @@ pub fn bench_envelope() -> SafetyEnvelope {
         monitor_span_uv: 0,
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
+        set_point_at_code_0_nm: 0,
+        set_point_span_nm: 0,
+        set_point_min_nm: 0,
+        set_point_max_nm: 0,
         sensor_span_nm: 15_000,
         jump_within_nm: 1_500,
         // Most runs are about something else than the self-test, which takes half a second.
@@ -212,6 +216,16 @@ pub enum Injection {
         /// To so much, mV.
         millivolts: u32,
     },
+    /// The analogue set point changes.
+    SetPoint {
+        /// To so much, mV.
+        millivolts: u32,
+    },
+    /// The part gets warmer or colder.
+    Temperature {
+        /// To so much, hundredths of a degree Celsius.
+        centi_celsius: i32,
+    },
     /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
     Restart {
         /// Flags.
@@ -278,6 +292,8 @@ pub struct Outcome {
     pub enabled: Vec<(u64, bool)>,
     /// The same of the trigger output, as often as the log is read.
     pub triggered: Vec<(u64, bool)>,
+    /// The same of the lights LD1 (green), LD2 (yellow) and LD3 (red).
+    pub lights: Vec<(u64, [bool; 3])>,
     /// What the looks of [`Script::peeks`] saw.
     pub peeked: Vec<u64>,
     /// Restarts of the part during the run.
@@ -303,7 +319,15 @@ struct Taken {
     visits: Vec<(usize, u64)>,
     enabled: Vec<(u64, bool)>,
     triggered: Vec<(u64, bool)>,
+    lights: Vec<(u64, [bool; 3])>,
     peeked: Vec<u64>,
+}
+
+/// Notes what is seen at an instant if it is not what was seen last; everything begins low.
+fn note_change<T: Copy + PartialEq + Default>(seen: &mut Vec<(u64, T)>, at_ns: u64, now: T) {
+    if seen.last().map_or_else(T::default, |(_, last)| *last) != now {
+        seen.push((at_ns, now));
+    }
 }
 
 struct Probe {
@@ -481,6 +505,10 @@ impl Driver<NucleoBoard> for Probe {
                         self.detector_until_ns = Some(at_ns + DETECTOR_PULSE_NS);
                     }
                 }
+                Injection::SetPoint { millivolts } => session.board_mut().set_set_point(millivolts),
+                Injection::Temperature { centi_celsius } => {
+                    session.board_mut().set_temperature(centi_celsius)
+                }
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
             self.next_injection += 1;
@@ -502,17 +530,12 @@ impl Driver<NucleoBoard> for Probe {
                 .board_mut()
                 .set_monitor(world.monitor_mv(is_enabled));
         }
-        let enables = session.board_mut().enables();
-        if let Ok(mut taken) = self.taken.lock()
-            && taken.enabled.last().is_some_and(|(_, last)| *last) != enables
-        {
-            taken.enabled.push((at_ns, enables));
-        }
-        let triggers = session.board_mut().triggers();
-        if let Ok(mut taken) = self.taken.lock()
-            && taken.triggered.last().is_some_and(|(_, last)| *last) != triggers
-        {
-            taken.triggered.push((at_ns, triggers));
+        let board = session.board_mut();
+        let (enables, triggers, lights) = (board.enables(), board.triggers(), board.lights());
+        if let Ok(mut taken) = self.taken.lock() {
+            note_change(&mut taken.enabled, at_ns, enables);
+            note_change(&mut taken.triggered, at_ns, triggers);
+            note_change(&mut taken.lights, at_ns, lights);
         }
         while let Some((_, bytes)) = self
             .script
@@ -870,6 +893,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         end,
         enabled: taken.enabled,
         triggered: taken.triggered,
+        lights: taken.lights,
         peeked: taken.peeked,
         resets,
         without_model,

@@ -1,5 +1,6 @@
 //! Tests of the image on the emulated part: one program, so that dependencies are linked once.
 
+mod analogue_inputs;
 mod board_check;
 mod boot;
 mod closed_loop;

@@ -27,7 +27,7 @@ use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use super::voltage_monitor;
+use super::analogue_inputs::{self, MonitorAndTemperature};
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
@@ -79,7 +79,8 @@ pub struct SpiConverters {
     written: Option<u32>,
     /// The register held it.
     holds: bool,
-    has_monitor: bool,
+    inputs: MonitorAndTemperature,
+    has_set_point: bool,
 }
 
 /// The control register for references that are so far apart.
@@ -247,6 +248,7 @@ impl FrontEnd for SpiConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_000;
     const READS_BACK: bool = true;
     const HAS_MONITOR: bool = true;
+    const HAS_SET_POINT: bool = true;
 
     fn has(bits: CodeBits) -> bool {
         matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
@@ -266,13 +268,15 @@ impl FrontEnd for SpiConverters {
             asked: false,
             written: None,
             holds: true,
-            has_monitor: wiring.has_monitor,
+            inputs: MonitorAndTemperature::new(wiring.has_monitor),
+            has_set_point: wiring.has_set_point,
         }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
-        if self.has_monitor {
-            voltage_monitor::start();
+        self.inputs.start();
+        if self.has_set_point {
+            analogue_inputs::start_set_point();
         }
         enable_clocks();
         hold_lines();
@@ -326,11 +330,12 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
-        if self.has_monitor {
-            voltage_monitor::read()
-        } else {
-            None
-        }
+        self.inputs.read()
+    }
+
+    #[inline(always)]
+    fn set_point(&mut self) -> Option<u16> {
+        analogue_inputs::read_set_point()
     }
 
     #[inline(always)]

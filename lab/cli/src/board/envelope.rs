@@ -51,6 +51,18 @@ struct EnvelopeFile {
     drive_reads_back: bool,
     /// The amplifier's voltage monitor, where it is wired.
     monitor: Option<MonitorFile>,
+    /// The analogue set point, where it is wired.
+    set_point: Option<SetPointFile>,
+}
+
+/// How the analogue set point is wired, and where it may lead to.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetPointFile {
+    position_at_lowest_code_um: f64,
+    position_beyond_highest_code_um: f64,
+    lowest_um: f64,
+    highest_um: f64,
 }
 
 /// How the amplifier's voltage monitor is wired.
@@ -83,6 +95,11 @@ impl EnvelopeFile {
                 .as_ref()
                 .map_or(0.0, |monitor| of(monitor).round())
         };
+        let set_point = |of: fn(&SetPointFile) -> f64| {
+            self.set_point
+                .as_ref()
+                .map_or(0.0, |input| (of(input) * 1e3).round())
+        };
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
             name: padded(&self.name),
@@ -111,6 +128,12 @@ impl EnvelopeFile {
             }) as u32,
             monitor_tolerance_mv: monitor(|m| m.tolerance_v * 1e3) as u16,
             monitor_lag_us: monitor(|m| m.lag_s * 1e6) as u32,
+            set_point_at_code_0_nm: set_point(|s| s.position_at_lowest_code_um) as i32,
+            set_point_span_nm: set_point(|s| {
+                s.position_beyond_highest_code_um - s.position_at_lowest_code_um
+            }) as u32,
+            set_point_min_nm: set_point(|s| s.lowest_um) as i32,
+            set_point_max_nm: set_point(|s| s.highest_um) as i32,
             sensor_span_nm: (self.sensor_span_um * 1e3).round() as u32,
             jump_within_nm: (self.sensor_jump_um * 1e3).round() as u32,
             closes_untested: self.closes_untested,
@@ -180,6 +203,13 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
             "not watched".into()
         }
     );
+    if envelope.set_point_span_nm > 0 {
+        println!(
+            "  analogue set point from {:.3} to {:.3} um",
+            1e-3 * f64::from(envelope.set_point_min_nm),
+            1e-3 * f64::from(envelope.set_point_max_nm)
+        );
+    }
     println!("  checksum {name}");
     match checksum {
         None => {
@@ -252,6 +282,26 @@ mod tests {
             (false, 0),
             "nothing is watched unless the file has it"
         );
+    }
+
+    #[test]
+    fn an_analogue_set_point_has_a_scale_and_limits_in_order() {
+        let with = |lowest_um: f64, highest_um: f64| {
+            let input = format!(
+                "[set_point]\nposition_at_lowest_code_um = -1.0\nposition_beyond_highest_code_um = 14.0\nlowest_um = {lowest_um}\nhighest_um = {highest_um}\n"
+            );
+            bytes_of(&format!("{FILE}{input}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(0.5, 10.0).expect("an envelope");
+        assert_eq!(
+            (envelope.set_point_at_code_0_nm, envelope.set_point_span_nm),
+            (-1_000, 15_000)
+        );
+        assert_eq!(
+            (envelope.set_point_min_nm, envelope.set_point_max_nm),
+            (500, 10_000)
+        );
+        assert!(with(10.0, 0.5).is_err());
     }
 
     #[test]
