@@ -152,6 +152,70 @@ mod tests {
         }
     }
 
+    /// To the last place behind what rounding may bring, below and above.
+    #[test]
+    fn every_waveform_reaches_as_far_as_it_goes() {
+        let raw = Micrometres::from_bits;
+        let tone = |amplitude: i32| (7, raw(amplitude), 0);
+        for (waveform, below, above) in [
+            (Waveform::Constant, 0, 0),
+            (
+                Waveform::Multisine {
+                    tones: [tone(100), tone(-30), tone(5), tone(0)],
+                },
+                135,
+                135,
+            ),
+            (
+                Waveform::RoundedTriangle {
+                    increment: 7,
+                    amplitude: raw(-40),
+                },
+                40,
+                40,
+            ),
+            (
+                Waveform::Chirp {
+                    increment: 7,
+                    change: 1,
+                    amplitude: raw(60),
+                    duration_ticks: 9,
+                },
+                60,
+                60,
+            ),
+            (
+                Waveform::QuasiStep {
+                    height: raw(80),
+                    delay_ticks: 1,
+                    duration_ticks: 9,
+                },
+                0,
+                80,
+            ),
+            (
+                Waveform::QuasiStep {
+                    height: raw(-80),
+                    delay_ticks: 1,
+                    duration_ticks: 9,
+                },
+                80,
+                0,
+            ),
+        ] {
+            let fits = |offset: i32| is_within(&waveform, raw(offset), (raw(-1000), raw(2000)));
+            let (lowest, highest) = (-1000 + below, 2000 - above);
+            for (offset, expected) in [
+                (lowest - 3, false),
+                (lowest - 2, true),
+                (highest + 2, true),
+                (highest + 3, false),
+            ] {
+                assert_eq!(fits(offset), expected, "{waveform:?} at {offset}");
+            }
+        }
+    }
+
     #[test]
     fn a_zero_that_was_found_moves_the_limits_of_positions() {
         let mut parameters = example();

@@ -441,6 +441,77 @@ mod tests {
         );
     }
 
+    /// Each command with its numbers, as the manual at the top of this file has them.
+    #[test]
+    fn every_command_has_its_words_and_numbers() {
+        let control = |command| Ok(Line::Control(None, command));
+        let increment = |hz: f64| (hz / 20_000.0 * 2f64.powi(32)) as u32;
+        let none = (0, Volts::from_bits(0), 0);
+        for (line, expected) in [
+            ("stop", control(Command::Disable)),
+            ("clear", control(Command::Clear)),
+            ("arm", control(Command::Arm { tested: true })),
+            ("arm untested", control(Command::Arm { tested: false })),
+            ("disarm", control(Command::Disarm)),
+            ("status", Ok(Line::Status)),
+            (
+                "conditioning required",
+                control(Command::RequireConditioning(true)),
+            ),
+            (
+                "reference step -500 7 9",
+                control(Command::Reference {
+                    waveform: Waveform::QuasiStep {
+                        height: Micrometres::from_num(-0.5),
+                        delay_ticks: 7,
+                        duration_ticks: 9,
+                    },
+                    offset: Micrometres::from_bits(0),
+                }),
+            ),
+            (
+                "play sine 50000 10000 40000 800",
+                control(Command::Play {
+                    waveform: Waveform::Multisine {
+                        tones: [(increment(50.0), Volts::from_num(10), 0), none, none, none],
+                    },
+                    offset: Volts::from_num(40),
+                    ticks: 800,
+                }),
+            ),
+            (
+                "play chirp 0 10000000 2000 40000 1000",
+                control(Command::Play {
+                    waveform: Waveform::Chirp {
+                        increment: 0,
+                        // Half of 2^32 in 1000 ticks, with 8 fraction bits.
+                        change: ((1i64 << 39) / 1000) as i32,
+                        amplitude: Volts::from_num(2),
+                        duration_ticks: 1000,
+                    },
+                    offset: Volts::from_num(40),
+                    ticks: 1000,
+                }),
+            ),
+            ("capture now 1 2", Ok(Line::Capture(Trigger::Now, 1, 2))),
+            (
+                "capture closed 1 2",
+                Ok(Line::Capture(Trigger::Closed, 1, 2)),
+            ),
+            ("capture send", Ok(Line::CaptureSend)),
+            ("capture off", Ok(Line::CaptureOff)),
+            ("restart", Ok(Line::Restart)),
+        ] {
+            assert_eq!(parse(line, 20_000), expected, "{line}");
+        }
+        let whole = "5a".repeat(PIECE_BYTES);
+        let piece = BlockPiece::parse(64, &whole).expect("32 bytes");
+        assert_eq!((piece.offset(), piece.bytes()), (64, &[0x5a; 32][..]));
+        for text in ["", "5", "5a5", &"5a".repeat(PIECE_BYTES + 1)] {
+            assert!(BlockPiece::parse(0, text).is_err(), "{text}");
+        }
+    }
+
     #[test]
     fn a_block_is_brought_line_by_line() {
         let block: Vec<u8> = (0..100u8).collect();
@@ -508,6 +579,14 @@ mod tests {
             "resonance 735000 2147483647",
             "conditioning",
             "conditioning off",
+            "play chirp 0 10000000 2000 40000 0",
+            "play chirp 0 9000000 2000 40000 1",
+            "reference sine 20000000 1 1",
+            "reference sine -1 1 1",
+            "reference constant 200000",
+            "play sine 1 600000 0 4",
+            "block begin -1",
+            "block envelope 0012abcg",
         ] {
             assert!(parse(line, 20_000).is_err(), "{line}");
         }

@@ -413,6 +413,74 @@ mod tests {
         assert_eq!(after(&[Some(5000); 10]), None);
     }
 
+    /// At each limit and one step beyond it.
+    #[test]
+    fn limits_of_the_sensor_are_those_of_the_parameters() {
+        let after = |codes: &[u32]| {
+            let mut guard = Guard::new(PARAMETERS);
+            codes
+                .iter()
+                .find_map(|code| guard.inspect(Some(SensorCode::new(*code))))
+        };
+        for (codes, expected) in [
+            (&[16, 17][..], None),
+            (&[15], Some(Fault::SensorOutOfRange)),
+            (&[14], Some(Fault::SensorOutOfRange)),
+            (&[65_519, 65_518], None),
+            (&[65_520], Some(Fault::SensorOutOfRange)),
+            (&[65_521], Some(Fault::SensorOutOfRange)),
+            (&[5000, 8000], None),
+            (&[5000, 8001], Some(Fault::SensorJump)),
+            (&[8001, 5000], Some(Fault::SensorJump)),
+        ] {
+            assert_eq!(after(codes), expected, "{codes:?}");
+        }
+        // A sensor that moves once in a while is not stuck; a check that is off finds nothing.
+        let mut guard = Guard::new(PARAMETERS);
+        let moves = |tick: u32| Some(SensorCode::new(5000 + tick / 10 % 2));
+        assert!((0..100).all(|tick| guard.inspect(moves(tick)).is_none()));
+        guard.watch_with(GuardParameters {
+            stuck_ticks: 0,
+            ..PARAMETERS
+        });
+        assert_eq!(guard.parameters().stuck_ticks, 0);
+        assert!((0..100).all(|_| guard.inspect(moves(0)).is_none()));
+        assert_eq!(guard.last_code(), moves(0));
+    }
+
+    #[test]
+    fn a_sensor_is_healthy_after_its_time_without_a_fault() {
+        let mut guard = Guard::new(PARAMETERS);
+        let mut read = |tick: u32| {
+            guard.inspect((tick != 30).then(|| SensorCode::new(5000 + tick % 2)));
+            guard.healthy()
+        };
+        let healthy: std::vec::Vec<u32> = (0..60).filter(|tick| read(*tick)).collect();
+        let expected: std::vec::Vec<u32> = (19..30).chain(50..60).collect();
+        assert_eq!(healthy, expected);
+    }
+
+    #[test]
+    fn a_new_loop_forgets_what_the_last_one_counted() {
+        let mut guard = in_state(5, 5, 3, 5);
+        guard.begin_loop();
+        assert_eq!((guard.late, guard.within, guard.slewing), (0, 0, 0));
+    }
+
+    #[test]
+    fn faults_of_the_output_are_those_behind_the_converter() {
+        let of_output = [
+            Fault::DriveSilent,
+            Fault::OutputDiffers,
+            Fault::MonitorOutOfRange,
+            Fault::DriveNotHeld,
+            Fault::OutputWhileOff,
+        ];
+        for (fault, name) in Fault::ALL {
+            assert_eq!(fault.is_of_output(), of_output.contains(&fault), "{name}");
+        }
+    }
+
     #[test]
     fn the_loop_is_watched() {
         let mut guard = Guard::new(PARAMETERS);

@@ -223,6 +223,100 @@ mod tests {
     }
 
     #[test]
+    fn the_wiring_becomes_integers_of_its_units() {
+        let expected = MonitorParameters {
+            zero: -30 << 22,
+            step: 180 << 22,
+            rest: 5 << 22,
+            tolerance: 1 << 21,
+            // One of 41: 2 ms are 40 ticks.
+            decay: ((1u64 << 31) / 41) as u32,
+            settle_ticks: 2_000,
+        };
+        let made = MonitorParameters::new(-30_000_000, 180_000_000, 5_000_000, 500, 2_000, 20_000);
+        assert_eq!(made, expected);
+        // Without a lag a bound comes back at once, within its format.
+        assert_eq!(
+            MonitorParameters::new(0, 1, 0, 1, 0, 20_000).decay,
+            (1 << 31) - 1
+        );
+        let beyond = MonitorParameters::new(0, 1, 600_000_000, 1, 0, 20_000);
+        assert_eq!(beyond.rest, i32::MAX);
+    }
+
+    /// At each limit and one step beyond it, with bounds at 50 V and a tolerance of 0.5 V.
+    #[test]
+    fn limits_of_the_monitor_are_those_of_its_parameters() {
+        let settled = |code: u16| {
+            let mut monitor = OutputMonitor::new(parameters());
+            (monitor.lowest, monitor.highest) = (fixed(50.0), fixed(50.0));
+            monitor.powered_ticks = parameters().settle_ticks;
+            monitor.inspect(Some(code), fixed(50.0), true)
+        };
+        let volts = |code: u16| f64::from(code) * 180.0 / 65_536.0 - 30.0;
+        let highest = (0..u16::MAX).rfind(|code| volts(*code) <= 50.5).unwrap();
+        let lowest = (0..u16::MAX).find(|code| volts(*code) >= 49.5).unwrap();
+        for (code, expected) in [
+            (lowest - 1, Some(Fault::OutputDiffers)),
+            (lowest, None),
+            (highest, None),
+            (highest + 1, Some(Fault::OutputDiffers)),
+            (MARGIN, Some(Fault::OutputDiffers)),
+            (MARGIN - 1, Some(Fault::MonitorOutOfRange)),
+            (u16::MAX - MARGIN, Some(Fault::OutputDiffers)),
+            (u16::MAX - MARGIN + 1, Some(Fault::MonitorOutOfRange)),
+        ] {
+            assert_eq!(settled(code), expected, "{code}");
+        }
+        // The first reading that counts is the one behind the time of the self-test.
+        let mut monitor = OutputMonitor::new(parameters());
+        let first = (0..5_000).find(|_| monitor.inspect(None, 0, true).is_some());
+        assert_eq!(first, Some(2_000));
+    }
+
+    #[test]
+    fn a_bound_comes_back_by_its_share_in_a_tick_and_no_sooner() {
+        let mut monitor = OutputMonitor::new(parameters());
+        monitor.inspect(None, fixed(40.0), true);
+        assert_eq!(
+            (monitor.lowest, monitor.highest),
+            (fixed(40.0), fixed(40.0))
+        );
+        // From 40 V down to 0 V: the lower bound at once, the upper one by a 41st of the way.
+        monitor.inspect(None, 0, true);
+        let left = f64::from(monitor.highest) / f64::from(fixed(40.0));
+        assert_eq!(monitor.lowest, 0);
+        assert!((left - 40.0 / 41.0).abs() < 1e-6, "{left}");
+        // And up to 80 V: the upper one at once.
+        monitor.inspect(None, fixed(80.0), true);
+        let risen = f64::from(monitor.lowest) / f64::from(fixed(80.0));
+        assert_eq!(monitor.highest, fixed(80.0));
+        assert!((risen - 1.0 / 41.0).abs() < 1e-6, "{risen}");
+    }
+
+    /// Between 0 V and rest nothing is a fault, on either side of 0 V.
+    #[test]
+    fn an_amplifier_without_power_may_stand_between_rest_and_0_volts() {
+        for rest_v in [20.0, -20.0] {
+            let rest = MonitorParameters {
+                rest: fixed(rest_v),
+                ..parameters()
+            };
+            let read = |volts: &[f64]| {
+                let mut monitor = OutputMonitor::new(rest);
+                volts
+                    .iter()
+                    .find_map(|volts| monitor.inspect(code(*volts), fixed(rest_v), false))
+            };
+            let half = rest_v / 2.0;
+            assert_eq!(read(&[half, 0.0, rest_v, half, 0.0, rest_v]), None);
+            let away = Some(Fault::OutputWhileOff);
+            assert_eq!(read(&[half, 1.05 * rest_v]), away);
+            assert_eq!(read(&[half, -0.05 * rest_v]), away);
+        }
+    }
+
+    #[test]
     fn what_is_wrong_with_the_output_is_named() {
         let ramp = |tick: u32| (f64::from(tick.saturating_sub(2500)) / 200.0).min(60.0);
         // 1.5 % too much is 0.5 V at 33 V; a dead amplifier is 0.5 V away at 0.5 V, and what the bound

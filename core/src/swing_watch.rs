@@ -173,6 +173,76 @@ mod tests {
         }
     }
 
+    const TRACKING_TICKS: u16 = 100;
+
+    /// The first fault of a drive that stands for so many ticks at each of these codes above its least one,
+    /// beside a reference that steps to and fro by `reference` every four ticks.
+    fn stands(above: &[u32], ticks: u32, reference: i32) -> Option<u32> {
+        let mut parameters = example();
+        parameters.guard.tracking_ticks = TRACKING_TICKS;
+        let least = parameters.servo.converters.dac_code_min;
+        let mut watch = SwingWatch::new(&parameters);
+        watch.begin(least);
+        (0..ticks * above.len() as u32).find(|tick| {
+            let um = if tick / 4 % 2 == 0 { 0 } else { reference };
+            let code = least + above[(tick / ticks) as usize];
+            watch.inspect(code, um).is_some()
+        })
+    }
+
+    /// At each limit and one step beside it.
+    #[test]
+    fn a_turn_counts_from_its_way_its_gap_and_its_neighbours_on() {
+        let c = example().servo.converters;
+        let least = c.dac_code_max.abs_diff(c.dac_code_min) / 8;
+        let gap = u32::from(TRACKING_TICKS) * 4;
+        let to_and_fro = |way: u32| [0, way, 0, way, 0, way, 0, way];
+        // The first way up is none to turn from, so the sixth turn is the seventh way.
+        assert_eq!(stands(&to_and_fro(least), gap, 0), Some(7 * gap));
+        assert_eq!(stands(&to_and_fro(least - 1), gap, 0), None);
+        assert_eq!(stands(&to_and_fro(least), gap + 1, 0), None);
+        // A way of half the widest goes on with the count, a shorter one begins it anew.
+        let after_a_wide_one = |way: u32| {
+            let wide = 4 * least;
+            [
+                0,
+                wide,
+                wide - way,
+                wide,
+                wide - way,
+                wide,
+                wide - way,
+                wide,
+            ]
+        };
+        assert_eq!(stands(&after_a_wide_one(2 * least), 9, 0), Some(63));
+        assert_eq!(stands(&after_a_wide_one(2 * least - 1), 9, 0), None);
+        // A reference that turns explains turns of the drive.
+        let turns = example().guard.tracking_error / 64;
+        assert_eq!(stands(&to_and_fro(least), 9, turns), None);
+        assert_eq!(stands(&to_and_fro(least), 9, turns - 1), Some(63));
+    }
+
+    #[test]
+    fn a_loop_that_is_closed_anew_begins_to_count_anew() {
+        let parameters = example();
+        let c = parameters.servo.converters;
+        let mut watch = SwingWatch::new(&parameters);
+        let mut turns = 0;
+        for round in 0..10 {
+            watch.begin(c.dac_code_min);
+            for code in [
+                c.dac_code_max,
+                c.dac_code_min,
+                c.dac_code_max,
+                c.dac_code_min,
+            ] {
+                turns += u32::from(watch.inspect(code, 0).is_some());
+            }
+            assert_eq!(turns, 0, "round {round}");
+        }
+    }
+
     #[test]
     fn what_is_small_slow_or_damped_is_none() {
         assert_eq!(first_fault(|s| 0.06 * sine(300.0, s), |_| 5.0), None);

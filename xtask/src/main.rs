@@ -22,6 +22,7 @@ mod images;
 mod lab_page;
 mod library_alone;
 mod measure;
+mod mutants;
 mod mutate;
 mod packages;
 mod pipython;
@@ -95,6 +96,12 @@ enum Chore {
     /// Takes lines of safety out of the firmware, each once, and expects an emulated test to fail
     /// (firmware/mutations.toml)
     Mutate { names: Vec<String> },
+    /// Changes every expression of the files that decide a fault or a name, one at a time, and stores how many
+    /// changes the tests notice; benchmarks/results/mutants.csv, docs/results/figures.md
+    Mutants {
+        /// Of these files only, such as `guard`
+        files: Vec<String>,
+    },
     /// Stores what the notebook of examples/ prints (after `python`)
     Notebook,
     /// Words a sentence, banned words and long lines by file; a page that passes a limit fails
@@ -144,6 +151,7 @@ fn main() -> ExitCode {
         Chore::Tune { seeds } => board_tune::run_seeds(&seeds),
         Chore::Board => board::build(),
         Chore::Mutate { names } => mutate::run(&names),
+        Chore::Mutants { files } => mutants::run(&files),
         Chore::Notebook => python_package::write_notebook(),
         Chore::Prose { strict, files } => prose::report(strict, &files),
         Chore::House => steps::run(steps::HOUSE),

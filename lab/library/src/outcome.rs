@@ -2,39 +2,10 @@
 //! sentences of them.
 
 use crate::diagnosis::judgement::Judged;
+pub use crate::diagnosis::verdict::Verdict;
 use crate::identification::noise_floor::FloorEstimate;
 use crate::quality::{Issue, Reason};
 use serde::Serialize;
-
-/// The verdict.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// Nothing is missing that the data could show.
-    AtFloor,
-    /// These effects are missing: every simplest model that the data cannot reject has them.
-    Named,
-    /// As named; where it says "or" the simplest models differ.
-    Ambiguous,
-    /// The error is above the noise, and the simplest models share no effect.
-    Unexplained,
-    /// Nothing can be decided, for a [`Reason`].
-    Undecidable,
-}
-
-impl Verdict {
-    /// The word in files.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Verdict::AtFloor => "at_floor",
-            Verdict::Named => "named",
-            Verdict::Ambiguous => "ambiguous",
-            Verdict::Unexplained => "unexplained",
-            Verdict::Undecidable => "undecidable",
-        }
-    }
-}
 
 /// Errors on fitted and held-out records, um RMS.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

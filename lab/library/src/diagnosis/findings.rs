@@ -1,11 +1,12 @@
 //! What the simplest kept models have in common, and where they differ, with the evidence for each: the best
 //! model without it, for which a search of its own looked, beside the one with it.
 
+use super::confidence_set::Fate;
 use super::judgement::Judged;
 use super::policy::Policy;
 use super::pool::{Entry, Move, Pool};
 use super::screening::Screening;
-use super::selection::{Fate, confidence_set_in};
+use super::selection::confidence_set_in;
 use super::study::Study;
 use crate::error::Result;
 use crate::outcome::{Evidence, Finding, Residuals};

@@ -1,7 +1,7 @@
 //! The pool: every model that was fitted, by the moves that lead to it from the start.
 
+use super::confidence_set::Losses;
 use super::judgement::Judged;
-use super::selection::Losses;
 use super::study::Study;
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::parallel;

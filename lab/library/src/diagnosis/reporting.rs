@@ -6,6 +6,7 @@ use super::pool::Entry;
 use super::residual_map::{drive_features, residual_by_feature};
 use super::screening::{CandidateScore, Screening};
 use super::study::Study;
+use super::verdict::Facts;
 use super::words;
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
@@ -14,7 +15,7 @@ use crate::outcome::{
     CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells,
     Remainder, Residuals, Standing, Verdict,
 };
-use crate::quality::{Issue, Reason, Severity};
+use crate::quality::{Issue, Severity};
 use hysteron_sim::effect::by_id;
 use std::collections::BTreeSet;
 
@@ -106,26 +107,29 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             evidence: Evidence::Readings,
         });
     }
-    // A name that no search tried to do without may be wrong, at the noise as well.
-    let found_some = !findings.is_empty() || !found.open.is_empty();
-    let is_early = found.out_of_time && (found_some || !within(policy.explained));
-    let reason = blocked
-        .or_else(|| found.stopped.then_some(Reason::Stopped))
-        .or_else(|| below.then_some(Reason::BelowTheNoise))
-        .or_else(|| is_early.then_some(Reason::OutOfTime))
-        .or_else(|| (floor.rms_um.is_none() && !at_the_bound).then_some(Reason::NoiseUnknown));
-    let or = |f: &Finding| f.effects.len() + f.or_other_values_of.len() > 1;
-    let excluded = found.last.model.effects.iter().any(|e| {
-        found.first.model.effect(&e.id).is_none()
-            && found.last.model.ruled_out_because(&e.id).is_some()
-    });
-    let only_values = findings.iter().all(|f| f.effects.is_empty());
-    let reason = reason.or_else(|| {
-        let says_little = findings.is_empty() && !found.open.is_empty();
-        says_little.then_some(Reason::ManyAlternatives)
-    });
-    // What a search found that ended early is no name.
-    let early = matches!(reason, Some(Reason::Stopped | Reason::OutOfTime));
+    let is_excluded = |id: &str| {
+        found.first.model.effect(id).is_none() && found.last.model.ruled_out_because(id).is_some()
+    };
+    let facts = Facts {
+        blocked,
+        stopped: found.stopped,
+        out_of_time: found.out_of_time,
+        noise_known: floor.rms_um.is_some() || at_the_bound,
+        below_the_noise: below,
+        explained: within(policy.explained),
+        at_the_noise: within(study.as_the_noise()),
+        explained_by_names: found
+            .named
+            .within(policy.explained, floors_um, &study.split),
+        excluded: found.last.model.effects.iter().any(|e| is_excluded(&e.id)),
+        named: !findings.is_empty(),
+        either_or: findings
+            .iter()
+            .any(|f| f.effects.len() + f.or_other_values_of.len() > 1),
+        other_values_only: findings.iter().all(|f| f.effects.is_empty()),
+        open: !found.open.is_empty(),
+    };
+    let (verdict, reason, early) = (facts.verdict(), facts.reason(), facts.ends_early());
     let open: Vec<Finding> = found.open.iter().map(Weighed::finding).collect();
     let new = |judged: &Judged| {
         let mut ids = judged.model.effect_ids();
@@ -146,24 +150,6 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     if early {
         findings.clear();
     }
-    let verdict = match (findings.is_empty(), reason) {
-        // Nothing is missing where other values reach the noise.
-        (false, None) if only_values && within(study.as_the_noise()) => Verdict::AtFloor,
-        (false, _) if findings.iter().any(or) => Verdict::Ambiguous,
-        (false, _) => Verdict::Named,
-        (true, Some(_)) => Verdict::Undecidable,
-        // A model at the noise by effects that may as well be others does not say that nothing is missing.
-        (true, None)
-            if within(study.as_the_noise())
-                && found
-                    .named
-                    .within(policy.explained, floors_um, &study.split)
-                && !excluded =>
-        {
-            Verdict::AtFloor
-        }
-        (true, None) => Verdict::Unexplained,
-    };
     let named: Vec<String> = if verdict == Verdict::AtFloor {
         Vec::new()
     } else {

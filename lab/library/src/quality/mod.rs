@@ -30,6 +30,7 @@ pub(crate) use answered_jumps::shown_by_readings;
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::Study;
+pub use crate::diagnosis::verdict::Reason;
 use crate::error::{Error, Result};
 use crate::identification::noise_floor::NoiseFloor;
 use hysteron_sim::chain::InitialState;
@@ -378,30 +379,6 @@ pub enum IssueKind {
         /// RMS of the difference, V.
         differs_v: f64,
     },
-}
-
-/// Why a verdict is undecidable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reason {
-    /// Nothing in the data shows the noise.
-    NoiseUnknown,
-    /// The error is below the noise: one of them is wrong.
-    BelowTheNoise,
-    /// The readings do not answer the drive.
-    NotAnswered,
-    /// Records do not begin in the specified state.
-    InitialState,
-    /// The readings respond to the drive of the same row, and the search was not repeated with this timing.
-    SameSampleTiming,
-    /// The drive is not held between its samples.
-    RunsOnBetweenSamples,
-    /// Somebody stopped the search.
-    Stopped,
-    /// The time was over before the search was.
-    OutOfTime,
-    /// What is missing may be any of many effects, which the data do not distinguish.
-    ManyAlternatives,
 }
 
 impl Issue {

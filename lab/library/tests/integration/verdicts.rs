@@ -3,9 +3,10 @@
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::diagnosis::confidence_set::{Fate, Losses};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
-use hysteron::diagnosis::selection::{Fate, Losses, confidence_set_in};
+use hysteron::diagnosis::selection::confidence_set_in;
 use hysteron::diagnosis::study::Study;
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
