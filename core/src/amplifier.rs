@@ -547,7 +547,7 @@ impl Amplifier {
             Command::FollowInput { most_step } => {
                 let limits = command_limits::positions(self.converters(), &self.parameters.guard);
                 let input = self.input.as_mut().ok_or(Refusal::NoInput)?;
-                let from = self.generator.latest();
+                let from = self.servo.asked();
                 input.begin(from, most_step, limits);
                 self.reference = None;
                 self.generator = ReferenceGenerator::new(Waveform::Constant, from);

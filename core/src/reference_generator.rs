@@ -175,7 +175,6 @@ pub struct ReferenceGenerator<Q> {
     phase: u32,
     chirp_increment: i64,
     player: TablePlayer,
-    latest: Q,
 }
 
 impl<Q: Quantity> ReferenceGenerator<Q> {
@@ -193,14 +192,7 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             phase: 0,
             chirp_increment,
             player: TablePlayer::default(),
-            latest: offset,
         }
-    }
-
-    /// The last sample.
-    #[must_use]
-    pub fn latest(&self) -> Q {
-        self.latest
     }
 
     /// Of a constant: the samples from now on.
@@ -281,8 +273,7 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             }
             Waveform::Table(table) => self.player.next_point(table),
         };
-        self.latest = Q::of_bits(self.offset.bits().saturating_add(value));
-        self.latest
+        Q::of_bits(self.offset.bits().saturating_add(value))
     }
 }
 

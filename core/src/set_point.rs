@@ -64,6 +64,18 @@ pub enum InputState {
     Limited = 2,
 }
 
+impl InputState {
+    /// The one of a number.
+    #[must_use]
+    pub fn from_number(number: u8) -> Self {
+        match number {
+            1 => Self::Following,
+            2 => Self::Limited,
+            _ => Self::Off,
+        }
+    }
+}
+
 /// The input with what is followed of it.
 #[derive(Clone, Debug)]
 pub struct SetPoint {

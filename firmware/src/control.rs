@@ -9,7 +9,7 @@
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
@@ -28,7 +28,7 @@ use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
-use crate::{event_log, safety_lines, task_clock};
+use crate::{event_log, safety_lines, task_clock, temperature};
 
 /// Samples on their way to the trace task: 12.8 ms at 20 kHz, 2.56 ms at 100 kHz. The task looks every
 /// 1.024 ms.
@@ -282,8 +282,6 @@ pub struct State {
     pub saturated_values: u32,
     /// Gain that is adapted, with its fraction bits; 0: none is.
     pub adapted_gain: i32,
-    /// What the loop has of the analogue set point.
-    pub input: InputState,
 }
 
 impl State {
@@ -305,7 +303,6 @@ impl State {
         rests: true,
         saturated_values: 0,
         adapted_gain: 0,
-        input: InputState::Off,
     };
 }
 
@@ -355,6 +352,14 @@ const NO_CODE: u32 = u32::MAX;
 /// What the amplifier's voltage monitor read last.
 pub fn monitor_code() -> Option<u16> {
     u16::try_from(MONITOR_CODE.load(Ordering::Relaxed)).ok()
+}
+
+/// What the loop has of the analogue set point. Beside [`State`] as well.
+static INPUT_STATE: AtomicU8 = AtomicU8::new(InputState::Off as u8);
+
+/// What the loop has of the analogue set point.
+pub fn input_state() -> InputState {
+    InputState::from_number(INPUT_STATE.load(Ordering::Relaxed))
 }
 
 /// What the analogue set point read last.
@@ -576,7 +581,7 @@ pub fn on_interrupt() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    if TOO_HOT.load(Ordering::Relaxed) {
+    if temperature::IS_READ && TOO_HOT.load(Ordering::Relaxed) {
         control.amplifier.refuse(Fault::PartTooHot);
     }
     if Converters::HAS_MONITOR {
@@ -590,6 +595,7 @@ pub fn on_interrupt() {
         let code = control.front_end.set_point();
         SET_POINT_CODE.store(code.map_or(NO_CODE, u32::from), Ordering::Relaxed);
         control.amplifier.inspect_input(code);
+        INPUT_STATE.store(control.amplifier.input_state() as u8, Ordering::Relaxed);
     }
     control
         .amplifier
@@ -638,7 +644,6 @@ pub fn on_interrupt() {
             .servo()
             .adaptation()
             .map_or(0, GainAdaptation::gain),
-        input: amplifier.input_state(),
     });
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);

@@ -43,7 +43,7 @@ impl Device for Target {
             dac_code: state.dac_code,
             monitor_code: control::monitor_code(),
             set_point_code: control::set_point_code(),
-            input: state.input,
+            input: control::input_state(),
             reference: state.reference,
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,

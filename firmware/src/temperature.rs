@@ -3,12 +3,15 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use crate::board::{Board, Platform};
+use crate::board::{Board, Platform, SAMPLE_RATE_HZ};
 use crate::control;
 
 /// 105 degrees Celsius. The junction bears 125 (DS12110, table 21), the sensor's line is straight to 3 degrees
 /// (table 180), and a fan or a cover that is missing leaves some minutes from here.
 const MOST_DECICELSIUS: i32 = 1_050;
+
+/// Whether it is read at this sampling rate: there must be time for a conversion within a period.
+pub const IS_READ: bool = SAMPLE_RATE_HZ <= 20_000;
 
 /// What the sensor's converter gave last, of 65,536, or [`NO_CODE`].
 static CODE: AtomicU32 = AtomicU32::new(NO_CODE);

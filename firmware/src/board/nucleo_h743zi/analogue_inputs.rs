@@ -14,8 +14,8 @@
 //! Clock: the internal oscillator's 64 MHz, which a lost crystal does not take along, divided by 2, and by 2
 //! once more on revision V: 16 MHz (RM0433, 25.4.3). 64.5 cycles of sampling, for a divider of some kilohms
 //! in front of the pin, and 8.5 of conversion are 4.6 us. The temperature is sampled for 387.5 cycles, 24 us:
-//! it asks for 9 (DS12110, table 180). Meanwhile the monitor's last reading counts, for one period at 20 kHz
-//! and three at 100 kHz.
+//! it asks for 9 (DS12110, table 180). Meanwhile the monitor's last reading counts, for one period. Above 20
+//! kHz nothing reads it: a conversion is longer than a period, and the tick of 100 kHz has no instruction left.
 
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adc::vals::{Boost, Exten, Ovrmod, Pcsel, Res, SampleTime};
@@ -35,7 +35,7 @@ const SET_POINT_PIN: usize = 1;
 /// The slowest step of the start is the linearity calibration: 165010 cycles of 16 MHz.
 const MOST_START_US: u32 = 20_000;
 const CYCLES_PER_US: u32 = 400;
-/// Periods that a conversion of the temperature may take: at 100 kHz it takes three.
+/// Periods that a conversion of the temperature may take; it takes one.
 const MOST_PERIODS: u32 = 8;
 
 /// Waits for a condition; goes on without it after a while, and the input is then silent.
@@ -151,7 +151,6 @@ impl MonitorAndTemperature {
         self.begin_monitor();
     }
 
-    #[inline(always)]
     fn begin_monitor(&mut self) {
         self.converts = Converts::Nothing;
         if self.has_monitor {
@@ -163,35 +162,43 @@ impl MonitorAndTemperature {
     /// What the monitor gave last; starts the next conversion.
     #[inline(always)]
     pub fn read(&mut self) -> Option<u16> {
-        self.periods += 1;
-        if self.converts == Converts::Temperature {
-            self.end_temperature();
-            return self.monitored;
+        if temperature::IS_READ {
+            self.periods += 1;
+            if self.converts == Converts::Temperature || self.periods >= SAMPLE_RATE_HZ {
+                return self.read_with_temperature();
+            }
         }
-        if self.converts == Converts::Monitor {
-            self.monitored = take(ADC3);
+        if self.converts != Converts::Monitor {
+            return None;
         }
-        if self.periods >= SAMPLE_RATE_HZ {
-            self.periods = 0;
-            select(ADC3, TEMPERATURE_CHANNEL);
-            convert(ADC3);
-            self.converts = Converts::Temperature;
-        } else {
-            self.begin_monitor();
+        let code = take(ADC3);
+        convert(ADC3);
+        if temperature::IS_READ {
+            self.monitored = code;
         }
-        self.monitored
+        code
     }
 
     #[inline(never)]
     #[unsafe(link_section = ".control_code")]
-    fn end_temperature(&mut self) {
-        let code = take(ADC3);
-        if code.is_none() && self.periods < MOST_PERIODS {
-            return;
+    fn read_with_temperature(&mut self) -> Option<u16> {
+        if self.converts == Converts::Temperature {
+            let code = take(ADC3);
+            if code.is_some() || self.periods >= MOST_PERIODS {
+                temperature::take(code);
+                select(ADC3, MONITOR_CHANNEL);
+                self.begin_monitor();
+            }
+        } else {
+            if self.converts == Converts::Monitor {
+                self.monitored = take(ADC3);
+            }
+            self.periods = 0;
+            select(ADC3, TEMPERATURE_CHANNEL);
+            convert(ADC3);
+            self.converts = Converts::Temperature;
         }
-        temperature::take(code);
-        select(ADC3, MONITOR_CHANNEL);
-        self.begin_monitor();
+        self.monitored
     }
 }
 
