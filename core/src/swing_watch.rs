@@ -197,7 +197,7 @@ mod tests {
         let least = c.dac_code_max.abs_diff(c.dac_code_min) / 8;
         let gap = u32::from(TRACKING_TICKS) * 4;
         let to_and_fro = |way: u32| [0, way, 0, way, 0, way, 0, way];
-        // The first way up is none to turn from, so the sixth turn is the seventh way.
+        // Before the first way up the drive has no way to turn from, so the sixth turn is the seventh way.
         assert_eq!(stands(&to_and_fro(least), gap, 0), Some(7 * gap));
         assert_eq!(stands(&to_and_fro(least - 1), gap, 0), None);
         assert_eq!(stands(&to_and_fro(least), gap + 1, 0), None);

@@ -33,8 +33,9 @@ const VERDICT: &[&str] = &[
     "lab/library/src/diagnosis/verdict.rs",
     "lab/library/src/diagnosis/confidence_set.rs",
 ];
-/// The manifest of the verdict's crate.
-const MANIFEST: &str = "[package]\nname = \"verdict\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[dependencies]\nserde = { version = \"1\", features = [\"alloc\", \"derive\"] }\nnalgebra = { version = \"0.34\", default-features = false, features = [\"std\"] }\nrand = { version = \"0.9\", default-features = false }\nrand_pcg = \"0.9\"\n\n[dev-dependencies]\nserde_json = \"1\"\n\n[profile.dev]\nopt-level = 1\n\n[workspace]\n";
+/// Crates that they need, and those of their tests.
+const DEPENDENCIES: &[&str] = &["serde", "nalgebra", "rand", "rand_pcg"];
+const OF_TESTS: &[&str] = &["serde_json"];
 
 /// Runs the files with these names, or all, and stores a row for each.
 pub fn run(names: &[String]) -> Result<(), String> {
@@ -88,7 +89,7 @@ fn of_verdict(file: &str) -> Result<String, String> {
         modules += &format!("pub mod {};\n", stem.display());
     }
     fs::write(folder.join("src/lib.rs"), modules).map_err(problem)?;
-    fs::write(folder.join("Cargo.toml"), MANIFEST).map_err(problem)?;
+    fs::write(folder.join("Cargo.toml"), manifest()?).map_err(problem)?;
     fs::copy(root().join("Cargo.lock"), folder.join("Cargo.lock")).map_err(problem)?;
     let name = Path::new(file).file_name().unwrap_or_default();
     let inside = format!("src/{}", name.display());
@@ -101,7 +102,25 @@ fn of_verdict(file: &str) -> Result<String, String> {
     )
 }
 
-/// Changes a file and gives its row. A change that the compiler refuses is none.
+/// The manifest of the verdict's crate, with the crates as the workspace has them.
+fn manifest() -> Result<String, String> {
+    let path = root().join("Cargo.toml");
+    let problem = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let text = fs::read_to_string(&path).map_err(|e| problem(&e))?;
+    let workspace: toml::Table = toml::from_str(&text).map_err(|e| problem(&e))?;
+    let pinned = &workspace["workspace"]["dependencies"];
+    let lines = |names: &[&str]| {
+        let line = |name: &&str| format!("{name} = {}\n", pinned[*name]);
+        names.iter().map(line).collect::<String>()
+    };
+    Ok(format!(
+        "[package]\nname = \"verdict\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[dependencies]\n{}\n[dev-dependencies]\n{}\n[profile.dev]\nopt-level = 1\n\n[workspace]\n",
+        lines(DEPENDENCIES),
+        lines(OF_TESTS)
+    ))
+}
+
+/// Changes a file and gives its row. Changes that the compiler refuses do not count.
 fn counted(
     file: &str,
     folder: &Path,
