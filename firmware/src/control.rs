@@ -600,6 +600,7 @@ pub fn on_interrupt() {
     control
         .amplifier
         .hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
+    control.front_end.end_read();
     let begin = DWT::cycle_count();
     let mut sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);

@@ -55,7 +55,7 @@ impl Wiring {
     }
 }
 
-/// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the
+/// Converters as the control interrupt sees them. Every call ends after a bounded time, whatever the
 /// converters do.
 pub trait FrontEnd {
     /// Name, as reported at start.
@@ -79,6 +79,10 @@ pub trait FrontEnd {
     fn start(&mut self, rest_code: Option<DriveCode>);
     /// The sensor's code sampled at the latest edge; `None` if the converter did not answer.
     fn read(&mut self) -> Option<SensorCode>;
+    /// Ends what [`FrontEnd::read`] has begun beside the sensor's code. As late as can be before the tick, so
+    /// that nothing waits for it.
+    #[inline(always)]
+    fn end_read(&mut self) {}
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: DriveCode) -> bool;
     /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not

@@ -16,8 +16,9 @@
 //! between frames.
 //!
 //! # Read back
-//! A frame that asks for the register goes out while the sensor's word comes in; the next frame, which
-//! writes the new code, brings the register's content. It must be the code that was written before.
+//! A frame that asks for the register goes out while the sensor's word and what the tick needs besides come
+//! in; the next frame, which writes the new code, brings the register's content. It must be the code that was
+//! written before. The tick stands between the two frames, so SYNC is high for long enough.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
@@ -73,7 +74,7 @@ pub struct SpiConverters {
     control: u32,
     /// The drive's SDO is wired.
     reads_back: bool,
-    /// The frame before this one asked for the register.
+    /// A frame that asks for the register has begun, or was the last one.
     asked: bool,
     /// What the register was given last.
     written: Option<u32>,
@@ -303,16 +304,19 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn read(&mut self) -> Option<SensorCode> {
-        let asks = self.reads_back && self.written.is_some();
-        if asks {
+        self.asked = self.reads_back && self.written.is_some();
+        if self.asked {
             begin_frame(READ_DAC);
         }
-        let reading = self.sensor();
-        if asks {
+        self.sensor()
+    }
+
+    #[inline(always)]
+    fn end_read(&mut self) {
+        if self.asked {
             self.asked = end_frame();
             let _ = SPI3.rxdr32().read();
         }
-        reading
     }
 
     #[inline(always)]
