@@ -40,9 +40,11 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 pub struct NucleoG474re;
 
 impl FlashInterface for NucleoG474re {
-    fn begin_reading() {
+    fn begin_reading() -> bool {
+        let idle = !FLASH.sr().read().bsy();
         DAMAGED.store(false, Ordering::Relaxed);
-        READING.store(true, Ordering::Release);
+        READING.store(idle, Ordering::Release);
+        idle
     }
 
     /// The NMI comes before the barrier behind the reading has ended.

@@ -49,8 +49,10 @@ const ON: u8 = 0xFF;
 pub struct NucleoH743zi;
 
 impl FlashInterface for NucleoH743zi {
-    fn begin_reading() {
+    fn begin_reading() -> bool {
         FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+        let status = FLASH.bank(1).sr().read();
+        !(status.qw() || status.bsy())
     }
 
     /// The read itself ends in a bus error too (RM0433, 4.7.7).
