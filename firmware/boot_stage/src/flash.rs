@@ -73,7 +73,7 @@ fn forget_damage() {
 }
 
 impl FlashInterface for Flash {
-    fn begin_reading() -> bool {
+    fn begin_reading(_: u32) -> bool {
         forget_damage();
         // Every operation was waited for.
         true

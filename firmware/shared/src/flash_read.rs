@@ -16,9 +16,9 @@ use cortex_m::peripheral::SCB;
 
 /// What the part's flash interface notes while it is read.
 pub trait FlashInterface {
-    /// Before flash is read that may be damaged; `false` while its bank is written, when a read would hold up
-    /// the control interrupt until that has ended.
-    fn begin_reading() -> bool;
+    /// Before flash at `address` is read that may be damaged; `false` while its bank is written, when a read
+    /// would hold up the control interrupt until that has ended.
+    fn begin_reading(address: u32) -> bool;
     /// Behind it: whether the interface has met a double ECC error.
     fn end_reading() -> bool;
 }
@@ -53,7 +53,7 @@ pub fn copy<F: FlashInterface>(address: u32, into: &mut [u8]) -> Result<(), Unre
 }
 
 fn word_at<F: FlashInterface>(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
-    if !F::begin_reading() {
+    if !F::begin_reading(address) {
         return None;
     }
     let mut word = [0; WORD_BYTES / 4];

@@ -40,7 +40,7 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 pub struct NucleoG474re;
 
 impl FlashInterface for NucleoG474re {
-    fn begin_reading() -> bool {
+    fn begin_reading(_: u32) -> bool {
         let idle = !FLASH.sr().read().bsy();
         DAMAGED.store(false, Ordering::Relaxed);
         READING.store(idle, Ordering::Release);
