@@ -118,11 +118,13 @@ pub enum Fault {
     PartTooHot = 35,
     /// The analogue set point that is followed is open or shorted, or its converter does not answer.
     SetPointOpen = 36,
+    /// The amplifier is hotter than it may be, or its temperature is not read.
+    AmplifierTooHot = 37,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 36] = [
+    pub const ALL: [(Self, &'static str); 37] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -177,6 +179,10 @@ impl Fault {
         ),
         (Self::PartTooHot, "part too hot"),
         (Self::SetPointOpen, "analogue set point open"),
+        (
+            Self::AmplifierTooHot,
+            "amplifier too hot, or its temperature not read",
+        ),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the

@@ -246,8 +246,8 @@ static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
 static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
-/// The part is too hot for anything to be driven.
-static TOO_HOT: AtomicBool = AtomicBool::new(false);
+/// Part and amplifier are too hot for anything to be driven.
+static TOO_HOT: [AtomicBool; 2] = [const { AtomicBool::new(false) }; 2];
 /// An alarm forbids to adapt the gain.
 static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
 
@@ -457,9 +457,11 @@ pub fn hold_adaptation(held: bool) {
     ADAPTATION_HELD.store(held, Ordering::Relaxed);
 }
 
-/// Whether the part is too hot for anything to be driven.
-pub fn set_too_hot(too_hot: bool) {
-    TOO_HOT.store(too_hot, Ordering::Relaxed);
+/// Whether the part and the amplifier are too hot for anything to be driven.
+pub fn set_too_hot(part: bool, amplifier: bool) {
+    for (place, is_too_hot) in TOO_HOT.iter().zip([part, amplifier]) {
+        place.store(is_too_hot, Ordering::Relaxed);
+    }
 }
 
 /// A line came: the host is there.
@@ -527,6 +529,8 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
     }
 }
 
+/// What [`TOO_HOT`] stops for.
+const HEAT: [Fault; 2] = [Fault::PartTooHot, Fault::AmplifierTooHot];
 /// At rest the drive's converter is set up anew every so many ticks less one, 0.1 to 0.2 s: its own supply
 /// may have failed without anybody seeing it.
 const RENEW_MASK: u32 = (SAMPLE_RATE_HZ / 10).next_power_of_two() - 1;
@@ -581,8 +585,12 @@ pub fn on_interrupt() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    if temperature::IS_READ && TOO_HOT.load(Ordering::Relaxed) {
-        control.amplifier.refuse(Fault::PartTooHot);
+    if temperature::IS_READ {
+        for (is_too_hot, fault) in TOO_HOT.iter().zip(HEAT) {
+            if is_too_hot.load(Ordering::Relaxed) {
+                control.amplifier.refuse(fault);
+            }
+        }
     }
     if Converters::HAS_MONITOR {
         let monitored = control.front_end.monitor();

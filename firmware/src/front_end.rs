@@ -40,6 +40,8 @@ pub struct Wiring {
     pub has_monitor: bool,
     /// The analogue set point is wired.
     pub has_set_point: bool,
+    /// The amplifier's temperature is.
+    pub has_amplifier_temperature: bool,
 }
 
 impl Wiring {
@@ -51,6 +53,7 @@ impl Wiring {
             drive_reads_back: envelope.drive_reads_back,
             has_monitor: envelope.monitor_span_uv > 0,
             has_set_point: envelope.set_point_span_nm > 0,
+            has_amplifier_temperature: envelope.amplifier_span_decicelsius != 0,
         }
     }
 }
@@ -89,7 +92,7 @@ pub trait FrontEnd {
     /// take that. The code that it was given last is in its register.
     fn renew(&mut self) -> bool;
     /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
-    /// conversion, now and then of the part's temperature. `None` if its converter did not answer or is
+    /// conversion, now and then of a temperature. `None` if its converter did not answer or is
     /// missing.
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {

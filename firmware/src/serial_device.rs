@@ -187,6 +187,7 @@ impl Device for Target {
             protection: option_bytes::protection(),
             adapted_gain_millionths: control::adapted_gain_millionths(),
             part_decicelsius: temperature::decicelsius(),
+            amplifier_decicelsius: temperature::amplifier_decicelsius(),
         }
     }
 

@@ -143,6 +143,11 @@ impl NucleoBoard {
         self.set_input(1, 5, millivolts);
     }
 
+    /// Sets the input that the amplifier's temperature is on: PF10, channel 6 of ADC3, mV.
+    pub fn set_amplifier_temperature(&mut self, millivolts: u32) {
+        self.set_input(2, 6, millivolts);
+    }
+
     fn set_input(&mut self, converter: usize, channel: u8, millivolts: u32) {
         if let (Some(converter), Some(channel)) =
             (self.mcu.adc.get_mut(converter), Channel::new(channel))

@@ -1,6 +1,7 @@
 //! One run of the image: the emulated part, a probe that serves RTT every so often of virtual time, and the
 //! decoded log.
 
+use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -75,6 +76,9 @@ pub fn bench_envelope() -> SafetyEnvelope {
         set_point_span_nm: 0,
         set_point_min_nm: 0,
         set_point_max_nm: 0,
+        amplifier_at_code_0_decicelsius: 0,
+        amplifier_span_decicelsius: 0,
+        amplifier_most_decicelsius: 0,
         sensor_span_nm: 15_000,
         jump_within_nm: 1_500,
         // Most runs are about something else than the self-test, which takes half a second.
@@ -221,11 +225,18 @@ pub enum Injection {
         /// To so much, mV.
         millivolts: u32,
     },
+    /// What the sensor of the amplifier's temperature gives changes.
+    AmplifierTemperature {
+        /// To so much, mV.
+        millivolts: u32,
+    },
     /// The part gets warmer or colder.
     Temperature {
         /// To so much, hundredths of a degree Celsius.
         centi_celsius: i32,
     },
+    /// The part loses its supply and has it again: what the image does not initialise holds anything.
+    SupplyLost,
     /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
     Restart {
         /// Flags.
@@ -237,6 +248,10 @@ pub enum Injection {
 pub const WATCHDOG_FLAG: u64 = 1 << 26;
 /// RCC_RSR: brown-out.
 pub const BROWN_OUT_FLAG: u64 = 1 << 21;
+/// RCC_RSR: the supply was switched on.
+const SWITCHED_ON_FLAGS: u64 = 1 << 23 | BROWN_OUT_FLAG;
+/// What memory holds behind a loss of the supply.
+const ANYTHING: u64 = 0x5EED_F00D;
 
 impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
@@ -343,6 +358,8 @@ struct Probe {
     next_read_ns: u64,
     sent_of_command: usize,
     taken: Arc<Mutex<Taken>>,
+    /// Memory that no start of the image initialises.
+    uninitialised: Range<u64>,
 }
 
 impl Probe {
@@ -506,8 +523,17 @@ impl Driver<NucleoBoard> for Probe {
                     }
                 }
                 Injection::SetPoint { millivolts } => session.board_mut().set_set_point(millivolts),
+                Injection::AmplifierTemperature { millivolts } => {
+                    session.board_mut().set_amplifier_temperature(millivolts)
+                }
                 Injection::Temperature { centi_celsius } => {
                     session.board_mut().set_temperature(centi_celsius)
+                }
+                Injection::SupplyLost => {
+                    for address in self.uninitialised.clone().step_by(4) {
+                        let _ = host.write(address, Width::W32, ANYTHING);
+                    }
+                    restart(session, stop, SWITCHED_ON_FLAGS, host);
                 }
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
@@ -583,6 +609,14 @@ impl Driver<NucleoBoard> for Probe {
             next.min(self.detector_until_ns.unwrap_or(u64::MAX)),
         ))
     }
+}
+
+/// Where a section of the image is; nowhere without it.
+fn section(image: &[u8], name: &str) -> Result<Range<u64>> {
+    let file = object::File::parse(image)?;
+    Ok(file.section_by_name(name).map_or(0..0, |section| {
+        section.address()..section.address() + section.size()
+    }))
 }
 
 /// The address of a function or a datum of the image.
@@ -840,6 +874,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         next_read_ns: first,
         sent_of_command: 0,
         taken: Arc::clone(&taken),
+        uninitialised: section(&bytes, ".uninit")?,
     };
     let mut start = Start::new(&images);
     start.semihosting = true;

@@ -132,6 +132,8 @@ pub struct DeviceDiagnosis {
     pub adapted_gain_millionths: u32,
     /// The part's temperature, tenths of a degree Celsius; `None` where nothing has read it.
     pub part_decicelsius: Option<i32>,
+    /// The amplifier's, in the same way.
+    pub amplifier_decicelsius: Option<i32>,
 }
 
 /// A fault of the past.

@@ -246,6 +246,7 @@ impl Device for Shared {
             block_checksum: 0xdead_beef,
             adapted_gain_millionths: 1_050_000,
             part_decicelsius: Some(-85),
+            amplifier_decicelsius: None,
             ..DeviceDiagnosis::default()
         }
     }
@@ -1161,6 +1162,9 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
         set_point_span_nm: 0,
         set_point_min_nm: 0,
         set_point_max_nm: 0,
+        amplifier_at_code_0_decicelsius: 0,
+        amplifier_span_decicelsius: 0,
+        amplifier_most_decicelsius: 0,
         sensor_span_nm: 15_000,
         jump_within_nm: 2_000,
         closes_untested: false,

@@ -1,4 +1,4 @@
-//! What the board reads beside the sensor, the analogue set point and the part's temperature, and its lights.
+//! What the board reads beside the sensor, the analogue set point and temperatures, and its lights.
 
 use crate::common;
 
@@ -17,8 +17,17 @@ fn wired() -> SafetyEnvelope {
         set_point_span_nm: 15_000,
         set_point_min_nm: 1_000,
         set_point_max_nm: 8_000,
+        amplifier_at_code_0_decicelsius: -500,
+        amplifier_span_decicelsius: 3_300,
+        amplifier_most_decicelsius: 700,
         ..bench_envelope()
     }
+}
+
+/// The sensor of the amplifier's temperature gives 10 mV a degree, 0 V at -50.
+fn amplifier_at(ms: u64, celsius: u32) -> (u64, Injection) {
+    let millivolts = (celsius + 50) * 10;
+    (ms, Injection::AmplifierTemperature { millivolts })
 }
 
 /// mV of a position.
@@ -76,6 +85,7 @@ fn a_set_point_is_followed_limited_and_missed_when_it_is_open() {
             (290, "INI 1\nERR?\nSPA 1 0x06000500 3\nERR?"),
         ],
         &[
+            amplifier_at(0, 25),
             at(1, 4.0),
             at(120, 12.0),
             (180, Injection::SetPoint { millivolts: 0 }),
@@ -145,6 +155,7 @@ fn a_part_that_is_too_hot_is_a_fault_until_it_is_cooler() {
             (3_100, "DIA? 18\nINI 1\nDIA? 2\nLOG?"),
         ],
         &[
+            amplifier_at(0, 25),
             at(0, -10),
             at(40, 104),
             (1_120, at(0, 106).1),
@@ -170,6 +181,40 @@ fn a_part_that_is_too_hot_is_a_fault_until_it_is_cooler() {
 }
 
 #[test]
+fn an_amplifier_that_is_too_hot_or_not_read_is_a_fault_until_it_is_cooler() {
+    let outcome = observed(
+        &[
+            (30, "DIA? 20\nARM 1 2"),
+            (1_100, "DIA? 2 20"),
+            (2_100, "INI 1\nARM 1 2\nDIA? 2 20"),
+            (3_100, "DIA? 2 20\nINI 1\nDIA? 2\nLOG?"),
+        ],
+        &[
+            amplifier_at(0, 25),
+            amplifier_at(40, 71),
+            amplifier_at(1_120, 69),
+            // Its cable is off, and a resistor pulls the input to ground.
+            (2_120, Injection::AmplifierTemperature { millivolts: 0 }),
+        ],
+        3_200,
+    );
+    let answers = typed_back(&outcome);
+    let celsius: Vec<f64> = values(&answers, "20=").iter().map(|v| v / 10.0).collect();
+    for (read, is) in celsius.iter().zip([25.0, 71.0, 69.0, -1_000.0]) {
+        assert!((read - is).abs() < 0.2, "{celsius:?}");
+    }
+    assert_eq!(values(&answers, "2="), [37.0, 0.0, 37.0, 37.0], "{answers}");
+    assert_eq!(
+        outcome
+            .enabled
+            .iter()
+            .map(|(_, on)| *on)
+            .collect::<Vec<_>>(),
+        [true, false, true, false]
+    );
+}
+
+#[test]
 fn lights_show_safe_armed_closed_and_fault() {
     let outcome = observed(
         &[
@@ -178,13 +223,16 @@ fn lights_show_safe_armed_closed_and_fault() {
             (100, "STP"),
             (200, "ARM 1 0"),
         ],
-        &[(
-            300,
-            Injection::Line {
-                line: hysteron_emulator::board::SafetyLine::Interlock,
-                closed: false,
-            },
-        )],
+        &[
+            amplifier_at(0, 25),
+            (
+                300,
+                Injection::Line {
+                    line: hysteron_emulator::board::SafetyLine::Interlock,
+                    closed: false,
+                },
+            ),
+        ],
         340,
     );
     let seen: Vec<[bool; 3]> = outcome.lights.iter().map(|(_, lights)| *lights).collect();

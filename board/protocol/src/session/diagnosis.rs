@@ -40,6 +40,7 @@ impl<D: Device + 'static> Session<D> {
             i64::from(view.powered) | i64::from(view.armed) << 1,
             counts.part_decicelsius.map_or(NOT_READ, i64::from),
             view.input as i64,
+            counts.amplifier_decicelsius.map_or(NOT_READ, i64::from),
         ]
     }
 

@@ -93,6 +93,12 @@ impl<D: Device + 'static> Session<D> {
                 envelope.set_point_min_nm, envelope.set_point_max_nm
             ))?;
         }
+        if envelope.amplifier_span_decicelsius != 0 {
+            self.say(format_args!(
+                "AMPLIFIER_TEMPERATURE={}",
+                envelope.amplifier_most_decicelsius
+            ))?;
+        }
         match envelope.monitor_span_uv {
             0 => self.say(format_args!("MONITOR=NONE")),
             _ => self.say(format_args!(

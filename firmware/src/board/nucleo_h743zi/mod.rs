@@ -10,6 +10,8 @@ pub mod flash;
 mod on_chip_converters;
 mod option_bytes;
 #[cfg(not(feature = "on-chip-converters"))]
+mod set_point_input;
+#[cfg(not(feature = "on-chip-converters"))]
 mod spi_converters;
 
 use cortex_m::peripheral::SCB;
@@ -49,10 +51,10 @@ const ON: u8 = 0xFF;
 pub struct NucleoH743zi;
 
 impl FlashInterface for NucleoH743zi {
-    fn begin_reading() -> bool {
+    fn begin_reading(address: u32) -> bool {
         FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
         let status = FLASH.bank(1).sr().read();
-        !(status.qw() || status.bsy())
+        address < Self::DATA_BANK.0 || !(status.qw() || status.bsy())
     }
 
     /// The read itself ends in a bus error too (RM0433, 4.7.7).

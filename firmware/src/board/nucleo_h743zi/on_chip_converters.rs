@@ -20,7 +20,7 @@ use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use super::analogue_inputs::MonitorAndTemperature;
+use super::analogue_inputs::MonitorAndTemperatures;
 use crate::board::triggered_converters;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
@@ -37,7 +37,7 @@ const CYCLES_PER_US: u32 = 400;
 pub struct OnChipConverters {
     /// From a drive's code to the converter's own.
     shift: u8,
-    inputs: MonitorAndTemperature,
+    inputs: MonitorAndTemperatures,
 }
 
 /// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost
@@ -79,7 +79,7 @@ impl FrontEnd for OnChipConverters {
     fn new(bits: CodeBits, wiring: Wiring) -> Self {
         Self {
             shift: Self::BITS.dac.saturating_sub(bits.dac),
-            inputs: MonitorAndTemperature::new(wiring.has_monitor),
+            inputs: MonitorAndTemperatures::new(wiring),
         }
     }
 

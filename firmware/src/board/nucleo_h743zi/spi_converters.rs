@@ -28,7 +28,8 @@ use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use super::analogue_inputs::{self, MonitorAndTemperature};
+use super::analogue_inputs::MonitorAndTemperatures;
+use super::set_point_input;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
@@ -80,7 +81,7 @@ pub struct SpiConverters {
     written: Option<u32>,
     /// The register held it.
     holds: bool,
-    inputs: MonitorAndTemperature,
+    inputs: MonitorAndTemperatures,
     has_set_point: bool,
 }
 
@@ -269,7 +270,7 @@ impl FrontEnd for SpiConverters {
             asked: false,
             written: None,
             holds: true,
-            inputs: MonitorAndTemperature::new(wiring.has_monitor),
+            inputs: MonitorAndTemperatures::new(wiring),
             has_set_point: wiring.has_set_point,
         }
     }
@@ -277,7 +278,7 @@ impl FrontEnd for SpiConverters {
     fn start(&mut self, rest_code: Option<DriveCode>) {
         self.inputs.start();
         if self.has_set_point {
-            analogue_inputs::start_set_point();
+            set_point_input::start_input();
         }
         enable_clocks();
         hold_lines();
@@ -339,7 +340,7 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn set_point(&mut self) -> Option<u16> {
-        analogue_inputs::read_set_point()
+        set_point_input::read()
     }
 
     #[inline(always)]

@@ -53,6 +53,18 @@ struct EnvelopeFile {
     monitor: Option<MonitorFile>,
     /// The analogue set point, where it is wired.
     set_point: Option<SetPointFile>,
+    /// The amplifier's temperature, where its sensor is wired.
+    amplifier_temperature: Option<TemperatureFile>,
+}
+
+/// How the sensor of the amplifier's temperature is wired, and what it may read.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TemperatureFile {
+    celsius_at_lowest_code: f64,
+    /// Less than at the lowest code where the voltage falls with the temperature.
+    celsius_beyond_highest_code: f64,
+    most_celsius: f64,
 }
 
 /// How the analogue set point is wired, and where it may lead to.
@@ -100,6 +112,11 @@ impl EnvelopeFile {
                 .as_ref()
                 .map_or(0.0, |input| (of(input) * 1e3).round())
         };
+        let temperature = |of: fn(&TemperatureFile) -> f64| {
+            self.amplifier_temperature
+                .as_ref()
+                .map_or(0, |sensor| (of(sensor) * 10.0).round() as i32)
+        };
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
             name: padded(&self.name),
@@ -134,6 +151,11 @@ impl EnvelopeFile {
             }) as u32,
             set_point_min_nm: set_point(|s| s.lowest_um) as i32,
             set_point_max_nm: set_point(|s| s.highest_um) as i32,
+            amplifier_at_code_0_decicelsius: temperature(|t| t.celsius_at_lowest_code),
+            amplifier_span_decicelsius: temperature(|t| {
+                t.celsius_beyond_highest_code - t.celsius_at_lowest_code
+            }),
+            amplifier_most_decicelsius: temperature(|t| t.most_celsius),
             sensor_span_nm: (self.sensor_span_um * 1e3).round() as u32,
             jump_within_nm: (self.sensor_jump_um * 1e3).round() as u32,
             closes_untested: self.closes_untested,
@@ -210,6 +232,12 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
             1e-3 * f64::from(envelope.set_point_max_nm)
         );
     }
+    if envelope.amplifier_span_decicelsius != 0 {
+        println!(
+            "  amplifier at most {:.1} degrees Celsius",
+            0.1 * f64::from(envelope.amplifier_most_decicelsius)
+        );
+    }
     println!("  checksum {name}");
     match checksum {
         None => {
@@ -282,6 +310,26 @@ mod tests {
             (false, 0),
             "nothing is watched unless the file has it"
         );
+    }
+
+    #[test]
+    fn a_limit_of_the_amplifiers_temperature_lies_within_its_sensor() {
+        let with = |most_celsius: f64| {
+            let sensor = format!(
+                "[amplifier_temperature]\ncelsius_at_lowest_code = -50\ncelsius_beyond_highest_code = 280\nmost_celsius = {most_celsius}\n"
+            );
+            bytes_of(&format!("{FILE}{sensor}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(70.0).expect("an envelope");
+        assert_eq!(
+            (
+                envelope.amplifier_at_code_0_decicelsius,
+                envelope.amplifier_span_decicelsius,
+                envelope.amplifier_most_decicelsius
+            ),
+            (-500, 3_300, 700)
+        );
+        assert!(with(280.0).is_err());
     }
 
     #[test]
