@@ -29,7 +29,7 @@ const STRIDE: u32 = WORD_BYTES as u32;
 /// A flash word.
 pub type Word = [u8; WORD_BYTES];
 
-const ERASED: Word = [0xFF; WORD_BYTES];
+pub(crate) const ERASED: Word = [0xFF; WORD_BYTES];
 /// What a mark holds.
 pub const MARKED: Word = [0; WORD_BYTES];
 const REQUEST_MAGIC: u32 = 0x4859_5550;

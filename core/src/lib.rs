@@ -27,6 +27,7 @@ pub mod gain_adaptation;
 pub mod guard;
 pub mod host_watch;
 pub mod integer_row;
+pub mod kept_events;
 pub mod kept_settings;
 pub mod learned_feedforward;
 pub mod line_input;

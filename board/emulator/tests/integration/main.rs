@@ -7,6 +7,7 @@ mod closed_loop;
 mod commands;
 mod common;
 mod dangers;
+mod fault_log;
 mod faults;
 mod first_power_up;
 mod gain_adaptation;
