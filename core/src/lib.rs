@@ -44,6 +44,7 @@ pub mod reference_window;
 pub mod safety_envelope;
 pub mod self_test;
 pub mod sensor_lag;
+pub mod sensor_linearisation;
 pub mod servo_parameters;
 pub mod servo_tick;
 pub mod set_point;

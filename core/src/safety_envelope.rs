@@ -19,6 +19,7 @@ use crate::parameter_block::{
     AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept,
 };
 use crate::self_test::STEP_MILLIVOLTS;
+use crate::sensor_linearisation::{POINTS, SensorLinearisation, is_moderate};
 use crate::servo_parameters::LawParameters;
 use crate::set_point::SetPointParameters;
 
@@ -27,7 +28,7 @@ pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
 pub const VERSION: u16 = 6;
 /// Bytes of the largest envelope.
-pub const ENVELOPE_BYTES: usize = 160;
+pub const ENVELOPE_BYTES: usize = 192;
 
 /// The tolerance of the monitor goes so often into the range of the drive, or more: a gain that is wrong by
 /// 6 % is seen at the highest drive.
@@ -101,6 +102,9 @@ pub struct SafetyEnvelope {
     pub amplifier_most_decicelsius: i32,
     /// Positions of all codes of the sensor, nm: a block for another sensor closes no loop here.
     pub sensor_span_nm: u32,
+    /// What a code of the sensor is corrected by at every sixteenth of its codes, of 65,536
+    /// ([`crate::sensor_linearisation`]).
+    pub sensor_corrections: [i16; POINTS],
     /// Largest change of the reading in a tick that a block may call honest, nm.
     pub jump_within_nm: u32,
     /// A loop may be closed behind neither a self-test nor a conditioning: a bench without a stage.
@@ -140,6 +144,7 @@ wire_struct!(SafetyEnvelope {
     amplifier_span_decicelsius,
     amplifier_most_decicelsius,
     sensor_span_nm,
+    sensor_corrections,
     jump_within_nm,
     closes_untested,
 });
@@ -210,6 +215,11 @@ impl SafetyEnvelope {
                 "the limits of the analogue set point must be in order",
             ));
         }
+        if !is_moderate(&self.sensor_corrections) {
+            return Err(BlockError::Range(
+                "corrections of the sensor may differ by a quarter of the codes between them",
+            ));
+        }
         // A limit that no honest code exceeds would never act.
         let hottest = [MARGIN, u16::MAX - MARGIN].map(|code| self.amplifier_decicelsius(code));
         if self.amplifier_span_decicelsius != 0
@@ -272,6 +282,12 @@ impl SafetyEnvelope {
                 self.set_point_max_nm,
             )
         })
+    }
+
+    /// How codes of so many bits of the sensor are straightened; nothing where it is straight.
+    #[must_use]
+    pub fn linearisation(&self, bits: u8) -> Option<SensorLinearisation> {
+        SensorLinearisation::new(&self.sensor_corrections, bits)
     }
 
     /// The amplifier's temperature of a code of its sensor, tenths of a degree Celsius; `None` where none is
@@ -476,6 +492,7 @@ pub(crate) mod tests {
             amplifier_span_decicelsius: 3_300,
             amplifier_most_decicelsius: 700,
             sensor_span_nm: 15_000,
+            sensor_corrections: [40; POINTS],
             jump_within_nm: 2_000,
             closes_untested: false,
         }
@@ -504,6 +521,7 @@ pub(crate) mod tests {
             |e| e.sensor_span_nm = 0,
             |e| e.set_point_max_nm = 0,
             |e| e.amplifier_most_decicelsius = 2_800,
+            |e| e.sensor_corrections[7] = 1_065,
             |e| e.monitor_at_code_0_uv = 1_000_000,
             |e| e.monitor_tolerance_mv = 0,
             |e| e.monitor_tolerance_mv = 1_500,

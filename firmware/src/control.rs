@@ -21,6 +21,7 @@ use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::{HostWatch, Missed};
 use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_core::sensor_linearisation::SensorLinearisation;
 use hysteron_core::set_point::InputState;
 use hysteron_core::trace_frame::PackedSample;
 
@@ -108,6 +109,8 @@ pub struct Control {
     pub has_monitor: bool,
     /// The analogue set point is wired.
     pub has_set_point: bool,
+    /// Straightens the sensor, where it is bent.
+    pub linearisation: Option<SensorLinearisation>,
     /// What may act, whatever block and law say; `None` without an envelope, where nothing is driven.
     pub limit: Option<OutputLimit>,
     /// Times that the tick counter has begun again.
@@ -561,6 +564,10 @@ pub fn on_interrupt() {
     let overrun = control.overrun || skipped;
 
     let reading = control.front_end.read();
+    let reading = match &control.linearisation {
+        None => reading,
+        Some(linearisation) => reading.map(|code| linearisation.straighten(code)),
+    };
     // A stop has a path of its own, past everything that waits. The tasks that ask for it cannot interrupt
     // this.
     if STOP.load(Ordering::Acquire) {

@@ -217,6 +217,9 @@ fn hand_over(
         commands,
         replies,
     } = ends;
+    let sensor_bits = amplifier.parameters().servo.converters.adc_bits;
+    let linearisation =
+        settings::envelope().and_then(|envelope| envelope.linearisation(sensor_bits));
     let limit = settings::envelope()
         .filter(|_| refused.is_none())
         .map(|envelope| OutputLimit::new(&envelope, amplifier.parameters()));
@@ -234,6 +237,7 @@ fn hand_over(
         last_cycles: None,
         has_monitor: settings::envelope().is_some_and(|envelope| envelope.monitor_span_uv > 0),
         has_set_point: settings::envelope().is_some_and(|envelope| envelope.set_point_span_nm > 0),
+        linearisation,
         limit,
         turns: 0,
         latched: None,

@@ -1166,6 +1166,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
         amplifier_span_decicelsius: 0,
         amplifier_most_decicelsius: 0,
         sensor_span_nm: 15_000,
+        sensor_corrections: [0; 15],
         jump_within_nm: 2_000,
         closes_untested: false,
     };

@@ -7,6 +7,7 @@ use hysteron::Result;
 use hysteron_core::codes::DriveCode;
 use hysteron_core::firmware_update::text;
 use hysteron_core::safety_envelope::{ENVELOPE_BYTES, SafetyEnvelope, fingerprint, read, write};
+use hysteron_core::sensor_linearisation::POINTS;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -39,6 +40,9 @@ struct EnvelopeFile {
     healthy_s: f64,
     /// Positions of all codes of the sensor.
     sensor_span_um: f64,
+    /// What a reading lacks at every sixteenth of the sensor's span but its ends; empty: the sensor is straight.
+    #[serde(default)]
+    sensor_corrections_um: Vec<f64>,
     /// Largest change of a reading in a tick that a block calls honest.
     sensor_jump_um: f64,
     /// A bench without a stage: a loop may be closed that no self-test has tried.
@@ -157,9 +161,21 @@ impl EnvelopeFile {
             }),
             amplifier_most_decicelsius: temperature(|t| t.most_celsius),
             sensor_span_nm: (self.sensor_span_um * 1e3).round() as u32,
+            sensor_corrections: self.sensor_corrections(),
             jump_within_nm: (self.sensor_jump_um * 1e3).round() as u32,
             closes_untested: self.closes_untested,
         }
+    }
+}
+
+impl EnvelopeFile {
+    /// Codes of 65,536, held at the ends of their format.
+    fn sensor_corrections(&self) -> [i16; POINTS] {
+        let mut codes = [0; POINTS];
+        for (code, um) in codes.iter_mut().zip(&self.sensor_corrections_um) {
+            *code = (um / self.sensor_span_um * 65_536.0).round() as i16;
+        }
+        codes
     }
 }
 
@@ -172,6 +188,12 @@ fn bytes_of(content: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
             "stage = \"{}\": expected at most 16 letters, digits and signs",
             file.stage
         );
+        return Err(wrong(path, what));
+    }
+    let corrections = file.sensor_corrections_um.len();
+    if corrections != 0 && corrections != POINTS {
+        let what =
+            format!("sensor_corrections_um has {corrections} numbers: expected {POINTS}, or none");
         return Err(wrong(path, what));
     }
     let envelope = file.envelope();
@@ -310,6 +332,19 @@ mod tests {
             (false, 0),
             "nothing is watched unless the file has it"
         );
+    }
+
+    #[test]
+    fn corrections_of_the_sensor_are_fifteen_and_moderate() {
+        let with = |corrections: &[f64]| {
+            let field = format!("sensor_corrections_um = {corrections:?}\n{FILE}");
+            bytes_of(&field, Path::new("bench.toml")).map(|(envelope, _)| envelope)
+        };
+        let envelope = with(&[0.15; 15]).expect("an envelope");
+        let codes = 0.15 / (f64::from(envelope.sensor_span_nm) * 1e-3) * 65_536.0;
+        assert_eq!(envelope.sensor_corrections, [codes.round() as i16; 15]);
+        assert!(with(&[0.15; 14]).is_err(), "too few");
+        assert!(with(&[1.0; 15]).is_err(), "too steep at the ends");
     }
 
     #[test]
