@@ -163,7 +163,12 @@ impl MonitorAndTemperatures {
     fn begin(&mut self, converts: Converts, channel: u8) {
         select(ADC3, channel);
         convert(ADC3);
-        (self.converts, self.periods) = (converts, 0);
+        self.converts = converts;
+    }
+
+    fn begin_temperature(&mut self, converts: Converts, channel: u8) {
+        self.periods = 0;
+        self.begin(converts, channel);
     }
 
     fn begin_monitor(&mut self) {
@@ -201,15 +206,15 @@ impl MonitorAndTemperatures {
         let code = take(ADC3);
         let ended = code.is_some() || self.periods >= MOST_PERIODS;
         match self.converts {
-            Converts::Nothing => self.begin(Converts::PartsTemperature, PART_CHANNEL),
+            Converts::Nothing => self.begin_temperature(Converts::PartsTemperature, PART_CHANNEL),
             Converts::Monitor => {
                 self.monitored = code;
-                self.begin(Converts::PartsTemperature, PART_CHANNEL);
+                self.begin_temperature(Converts::PartsTemperature, PART_CHANNEL);
             }
             Converts::PartsTemperature if ended => {
                 temperature::take(code);
                 if self.has_amplifier {
-                    self.begin(Converts::AmplifiersTemperature, AMPLIFIER_CHANNEL);
+                    self.begin_temperature(Converts::AmplifiersTemperature, AMPLIFIER_CHANNEL);
                 } else {
                     self.begin_monitor();
                 }
