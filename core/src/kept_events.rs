@@ -48,7 +48,7 @@ fn read(word: &Word) -> Option<(u32, Event)> {
         fields.next()?,
         fields.next()?,
     );
-    let sum = fields.last()?;
+    let sum = fields.next_back()?;
     let summed = word.get(..SUMMED_BYTES)?;
     (crc32(summed) == sum).then_some((number, Event { start, tick, fault }))
 }

@@ -246,7 +246,7 @@ impl Device for Shared {
             block_checksum: 0xdead_beef,
             adapted_gain_millionths: 1_050_000,
             part_decicelsius: Some(-85),
-            amplifier_decicelsius: None,
+            amplifier_decicelsius: Some(312),
             ..DeviceDiagnosis::default()
         }
     }
@@ -963,8 +963,8 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
         table.ask("DIA?").lines().count() + 2,
         table.ask("HDI?").lines().count()
     );
-    assert_eq!(table.ask("DIA? 16 18"), "16=1050000 \n18=-85\n");
-    table.tell("DIA? 20", 54);
+    assert_eq!(table.ask("DIA? 16 18 20"), "16=1050000 \n18=-85 \n20=312\n");
+    table.tell("DIA? 21", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
