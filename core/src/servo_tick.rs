@@ -154,6 +154,8 @@ impl ServoTick {
     /// limits.
     pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
+        // Of the last tick of a loop; the next loop begins without.
+        (self.rounding_error, self.limited, self.slewing) = (0, 0, false);
         self.note(
             code.max(self.parameters.converters.dac_code_min)
                 .min(self.parameters.converters.dac_code_max),

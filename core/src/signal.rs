@@ -91,7 +91,7 @@ pub fn saturate_shifted<const Q: u32>(sum: i64, saturated: &mut u32) -> i32 {
 #[inline(always)]
 #[must_use]
 pub fn narrow(value: i64) -> i32 {
-    #[cfg(test)]
+    #[cfg(any(test, debug_assertions))]
     assert!(
         i32::try_from(value).is_ok(),
         "{value} has no room in 32 bits"
@@ -109,7 +109,7 @@ pub fn volts(millivolts: i32) -> i32 {
 #[inline(always)]
 #[must_use]
 pub fn sum(a: i64, b: i64) -> i64 {
-    #[cfg(test)]
+    #[cfg(any(test, debug_assertions))]
     assert!(a.checked_add(b).is_some(), "{a} + {b} wraps");
     a.wrapping_add(b)
 }

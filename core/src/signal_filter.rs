@@ -150,7 +150,10 @@ impl Section {
 
     /// Begins anew at the next sample.
     fn restart(&mut self) {
-        (self.before, self.runs, self.offset, self.settled) = (None, false, 0, false);
+        *self = Self {
+            row: self.row,
+            ..Self::OFF
+        };
     }
 }
 

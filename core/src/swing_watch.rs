@@ -37,6 +37,16 @@ struct Turns {
 }
 
 impl Turns {
+    /// None yet, from this value on.
+    fn beginning_at(value: i32, least: i32) -> Self {
+        Self {
+            furthest: value,
+            turned_at: value,
+            rises: true,
+            least,
+        }
+    }
+
     /// How far the signal has come since it turned, where it turns out to have done so.
     #[inline]
     fn take(&mut self, value: i32) -> Option<u32> {
@@ -77,15 +87,9 @@ impl SwingWatch {
     /// For an amplifier with these parameters.
     #[must_use]
     pub fn new(parameters: &AmplifierParameters) -> Self {
-        let none = Turns {
-            furthest: 0,
-            turned_at: 0,
-            rises: true,
-            least: 0,
-        };
         let mut this = Self {
-            drive: none,
-            reference: none,
+            drive: Turns::beginning_at(0, 0),
+            reference: Turns::beginning_at(0, 0),
             turns: 0,
             widest: 0,
             since: 0,
@@ -104,11 +108,11 @@ impl SwingWatch {
         self.gap = u32::from(guard.tracking_ticks) << GAP_SHIFT;
     }
 
-    /// The loop is closed at this drive.
+    /// The loop is closed at this drive; nothing is left of what was seen of another one.
     pub fn begin(&mut self, code: DriveCode) {
-        let code = code.steps() as i32;
-        (self.drive.furthest, self.drive.turned_at) = (code, code);
-        (self.turns, self.since) = (0, 0);
+        self.drive = Turns::beginning_at(code.steps() as i32, self.drive.least);
+        self.reference = Turns::beginning_at(0, self.reference.least);
+        (self.turns, self.widest, self.since) = (0, 0, 0);
     }
 
     /// Looks at what leaves in this tick and at the reference, um with 24 fraction bits.

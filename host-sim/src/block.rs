@@ -5,8 +5,9 @@
 //! each block does stands in [`crate::law`].
 
 use crate::chain::{Drive, InitialState, Model};
-use crate::hysteresis_surface::STACK_CAPACITY;
+use crate::hysteresis_surface::{STACK_CAPACITY, Surfaces};
 use crate::intersample::Intersample;
+use crate::law::Law;
 
 /// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`;
 /// `x` counts from `offset`, and so does `y`.
@@ -100,7 +101,7 @@ impl Linear {
 }
 
 /// How the loops of [`Block::Loops`] depend on the rate of the drive, in units of 10^4 V/s.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Rate {
     /// Of the loops, linear.
     pub loop_linear: f64,
@@ -112,6 +113,23 @@ pub struct Rate {
     pub dt_s: f64,
     /// Intervals in a sampling period.
     pub substeps: usize,
+    /// Surfaces `G` and `R` beside, which the powers of the rate multiply, from the first on.
+    pub orders: Vec<Surfaces>,
+    /// The rate at which these powers are one, in the units above.
+    pub orders_at: f64,
+}
+
+/// How the loops of [`Block::Loops`] begin in the middle, with two first ways.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TwoFirstWays {
+    /// Where virgin operators stand.
+    pub virgin_share: f64,
+    /// Where 0 V lies in the range.
+    pub zero: f64,
+    /// What the whole gives there, less what the virgin operators weigh at the ends, um.
+    pub zero_um: f64,
+    /// What stays of the first way up, and of that down, in powers of their shares, um.
+    pub stays_um: [Vec<f64>; 2],
 }
 
 /// A play operator in units of the drive range.
@@ -132,6 +150,45 @@ pub struct SwitchingPlay {
     pub width: f64,
     /// What its position `z` gives, in powers of `2 z - 1`, um.
     pub weights: Vec<f64>,
+}
+
+/// A play operator that takes its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CreepingPlay {
+    /// Its share in the output.
+    pub share: f64,
+    /// Half of the width in which it stands still, um.
+    pub threshold: f64,
+    /// What an interval keeps of its state.
+    pub decay: f64,
+    /// What the input at the start of an interval adds, and that at its end.
+    pub adds: [f64; 2],
+}
+
+/// Expressions with states, in lines of [`crate::law`] from the input `now` and its
+/// `rate`, the `time`, `force` and states `q0`, `q1`,
+/// ...
+#[derive(Clone, Debug, PartialEq)]
+pub struct Written {
+    /// The output `y`.
+    pub output: String,
+    /// The derivatives `d0`, `d1`, ...
+    pub derivatives: String,
+    /// Of each state its value at first, and the unit in which rates are compared.
+    pub states: Vec<[f64; 2]>,
+    /// Length of an interval, s.
+    pub dt_s: f64,
+    /// In how many parts it is taken.
+    pub parts: usize,
+}
+
+/// Why a model has no blocks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NoBlocks {
+    /// The effect in whose stage the reason lies.
+    pub effect: String,
+    /// The reason, behind "because".
+    pub why: &'static str,
 }
 
 /// What a stage computes.
@@ -177,6 +234,8 @@ pub enum Block {
         plays: Vec<Play>,
         /// How it depends on the rate.
         rate: Option<Rate>,
+        /// How it begins in the middle.
+        first_ways: Option<TwoFirstWays>,
         /// Lower limit of the drive, V.
         lower: f64,
         /// Range of the drive, V.
@@ -189,18 +248,6 @@ pub enum Block {
         plays: Vec<Play>,
         /// Dead zones of the sum; thresholds in um.
         zones: Vec<Play>,
-        /// Lower limit of the drive, V.
-        lower: f64,
-        /// Range of the drive, V.
-        span: f64,
-    },
-    /// Maxwell slip of `(x - lower) / span`: `y = gain x - sum weight stretch`, each stretch within its
-    /// threshold.
-    Slip {
-        /// Gain, um.
-        gain: f64,
-        /// The elements.
-        elements: Vec<Play>,
         /// Lower limit of the drive, V.
         lower: f64,
         /// Range of the drive, V.
@@ -250,6 +297,47 @@ pub enum Block {
         /// Range of the drive, V.
         span: f64,
     },
+    /// `X` that takes the loops of `X` to `x - lower`, times `span`.
+    LoopsSolved {
+        /// As of [`Block::Loops`], V.
+        g: Vec<Vec<f64>>,
+        /// As there, V.
+        r: Vec<f64>,
+        /// Lower limit of the drive, V.
+        lower: f64,
+        /// Range of the displacement, um.
+        span: f64,
+    },
+    /// Play operators of `(x - lower) / span` whose weights are straight lines over the rate.
+    RatedPlays {
+        /// The operators, with their weights at rest.
+        plays: Vec<Play>,
+        /// Change of each weight by the rate in units of 10^4 V/s, um.
+        by_rate: Vec<f64>,
+        /// Time over which a step of the drive is its rate, s.
+        period_s: f64,
+        /// Lower limit of the drive, V.
+        lower: f64,
+        /// Range of the drive, V.
+        span: f64,
+    },
+    /// With `X = (x - lower) / span`, `X middle(X) - X (1 - X) opening(X)` after a rise, `+` after a fall.
+    Branches {
+        /// Powers of the middle, um.
+        middle: Vec<f64>,
+        /// Powers of half the opening, um.
+        opening: Vec<f64>,
+        /// Lower limit of the drive, V.
+        lower: f64,
+        /// Range of the drive, V.
+        span: f64,
+    },
+    /// `y = x + sum share z`, each `z` following `x` outside of its threshold.
+    CreepingPlays(Vec<CreepingPlay>),
+    /// What a user wrote.
+    Written(Written),
+    /// A mass that works against forces or is held by a bristle, and where such forces rest without one.
+    Mass(Law),
     /// `y = x (1 + per_um m)`, where `m` follows `x` by `m = x + decay (m - x)`.
     BiasedGain {
         /// 1/um.
@@ -310,6 +398,8 @@ pub struct BlockChain {
     /// Sub-intervals in a period.
     pub substeps: usize,
     /// The drive at which a virgin actuator rests, V.
+    pub virgin_v: f64,
+    /// Lower limit of the drive, V.
     pub drive_min_v: f64,
     /// Upper limit of the drive, V.
     pub drive_max_v: f64,
@@ -322,8 +412,8 @@ impl BlockChain {
     /// this between its samples.
     ///
     /// # Errors
-    /// The identifier of the first effect that has none.
-    pub fn of(model: &Model, dt_s: f64, intersample: Intersample) -> Result<Self, String> {
+    /// The first effect that has none, and why.
+    pub fn of(model: &Model, dt_s: f64, intersample: Intersample) -> Result<Self, NoBlocks> {
         let model = &*model.before_rounding();
         let mut blocks = Vec::new();
         let drive = Drive {
@@ -337,7 +427,10 @@ impl BlockChain {
             let Some(stage) = instance.stage(model, &setting) else {
                 continue;
             };
-            let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;
+            let of_stage = stage.blocks().map_err(|why| NoBlocks {
+                effect: instance.id.clone(),
+                why,
+            })?;
             let acts = |block: &Block| !matches!(block, Block::Linear(l) if l.rest.is_empty() && l.before == 0.0 && l.through == 1.0);
             blocks.extend(of_stage.into_iter().filter(acts).map(|block| Placed {
                 effect: instance.id.clone(),
@@ -349,6 +442,7 @@ impl BlockChain {
             dt_s,
             intersample,
             substeps,
+            virgin_v: model.virgin_drive_v(),
             drive_min_v: model.drive_min_v,
             drive_max_v: model.drive_max_v,
             blocks,
@@ -358,9 +452,16 @@ impl BlockChain {
     /// Whether it takes a measured force.
     #[must_use]
     pub fn takes_force(&self) -> bool {
-        self.blocks
-            .iter()
-            .any(|placed| matches!(placed.block, Block::Force { .. }))
+        self.blocks.iter().any(|placed| match &placed.block {
+            Block::Force { .. } => true,
+            Block::Written(written) => {
+                let part = |c: char| !(c.is_ascii_alphanumeric() || c == '_');
+                [&written.output, &written.derivatives]
+                    .iter()
+                    .any(|lines| lines.split(part).any(|word| word == "force"))
+            }
+            _ => false,
+        })
     }
 }
 

@@ -53,10 +53,10 @@ pub struct Dahl {
 /// what any sensor sees.
 pub const SLIDES_WITHIN: f64 = 1e-5;
 /// Steps towards a balance, at most: three reach it from anywhere.
-const BALANCING_STEPS_MAX: usize = 6;
+pub(crate) const BALANCING_STEPS_MAX: usize = 6;
 /// A step that is so short a part of the bend in steady sliding is the last: what a step of third order
 /// leaves is the cube of it.
-const LAST_STEP_OF_SLIDING_BEND: f64 = 1e-3;
+pub(crate) const LAST_STEP_OF_SLIDING_BEND: f64 = 1e-3;
 
 impl Dahl {
     /// The law of a bristle that bends so far in steady sliding, um; of none, with zero.

@@ -55,6 +55,12 @@ impl HysteresisInverse {
         &self.model
     }
 
+    /// Range of the drive, V.
+    #[must_use]
+    pub fn range_v(&self) -> f64 {
+        self.range_v
+    }
+
     fn at(&self, x: f64) -> f64 {
         self.lower_limit_v + self.range_v * x
     }

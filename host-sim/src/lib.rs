@@ -13,6 +13,7 @@
 //! reached at its end (behind one). What is measured at `t[k]` is therefore element `k - 1`, and the value at
 //! rest for `k = 0`.
 
+mod balance_law;
 pub mod bench;
 pub mod block;
 pub mod chain;

@@ -160,7 +160,7 @@ pub fn long_tests() -> Result<(), String> {
     let chosen: Vec<&TestProgram> = programs.iter().collect();
     test_programs::run(
         &chosen,
-        &["--ignored", "::long::"],
+        &["--ignored", "long::"],
         &variables(&skipped_tests::file().to_string_lossy()),
     )
 }

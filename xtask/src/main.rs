@@ -31,6 +31,7 @@ mod public_items;
 mod python_package;
 mod result_tables;
 mod skipped_tests;
+mod soak;
 mod steps;
 mod test_programs;
 mod toolchain;
@@ -102,6 +103,12 @@ enum Chore {
         /// Of these files only, such as `guard`
         files: Vec<String>,
     },
+    /// Runs the amplifier against an adversary for so many ticks, with every sum looked at, and stores what was
+    /// seen; benchmarks/results/soak.csv, docs/results/figures.md
+    Soak {
+        #[arg(default_value_t = 1_000_000_000)]
+        ticks: u64,
+    },
     /// Stores what the notebook of examples/ prints (after `python`)
     Notebook,
     /// Words a sentence, banned words and long lines by file; a page that passes a limit fails
@@ -152,6 +159,7 @@ fn main() -> ExitCode {
         Chore::Board => board::build(),
         Chore::Mutate { names } => mutate::run(&names),
         Chore::Mutants { files } => mutants::run(&files),
+        Chore::Soak { ticks } => soak::run(ticks),
         Chore::Notebook => python_package::write_notebook(),
         Chore::Prose { strict, files } => prose::report(strict, &files),
         Chore::House => steps::run(steps::HOUSE),

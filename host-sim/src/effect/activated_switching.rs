@@ -375,7 +375,7 @@ impl Stage for SwitchingStage {
     fn shared(&mut self) -> Option<&mut dyn SharedPart> {
         Some(self)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let plays = &self.plays;
         let play = |j: usize| SwitchingPlay {
             begins: plays.begins[j],
@@ -384,7 +384,7 @@ impl Stage for SwitchingStage {
         };
         let mut reversible = powers(&self.reversible);
         reversible[0] -= self.at_rest_um;
-        Some(vec![Block::Switching {
+        Ok(vec![Block::Switching {
             reversible,
             plays: (0..PLAYS).map(play).collect(),
             interval: plays.interval.shares(),

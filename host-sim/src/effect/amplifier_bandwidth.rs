@@ -35,8 +35,8 @@ impl Stage for LagStage {
         }
         input + away * self.output_weight
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Linear(Linear {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Linear(Linear {
             phi: vec![vec![self.decay]],
             start: vec![0.0],
             end: vec![1.0 - self.decay],

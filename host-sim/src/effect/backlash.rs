@@ -27,8 +27,8 @@ impl Stage for BacklashStage {
             .min(input + self.half_gap_um);
         self.taken_along_um
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Gap {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Gap {
             half: self.half_gap_um,
         }])
     }

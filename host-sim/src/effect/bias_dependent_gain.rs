@@ -27,8 +27,8 @@ impl Stage for BiasStage {
         self.mean_um = input;
         input * (1.0 + self.per_um * input)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::BiasedGain {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::BiasedGain {
             per_um: self.per_um,
             decay: self.decay,
         }])

@@ -48,8 +48,8 @@ impl Stage for BoucWenStage {
         self.last = x;
         self.gain_um * x - self.state
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::BoucWen {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::BoucWen {
             gain: self.gain_um,
             alpha: self.alpha_um,
             beta: self.beta,

@@ -18,7 +18,7 @@ impl Stage for LeakStage {
         self.leaked = self.decay * self.leaked + (1.0 - self.decay) * (input - self.rest_v);
         input - self.share * self.leaked
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let stays = 1.0 - self.decay;
         let mut leak = Linear::reading_states(
             vec![vec![self.decay]],
@@ -29,7 +29,7 @@ impl Stage for LeakStage {
             vec![1.0],
         );
         leak.offset = self.rest_v;
-        Some(vec![Block::Linear(leak)])
+        Ok(vec![Block::Linear(leak)])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.leaked = input - self.rest_v;

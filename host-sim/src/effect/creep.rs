@@ -171,7 +171,7 @@ impl Stage for CreepStage {
     fn shared(&mut self) -> Option<&mut dyn SharedPart> {
         Some(self)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let of = |value: fn(&Term) -> f64| self.terms.iter().map(value).collect::<Vec<f64>>();
         let diagonal = |i: usize| {
             (0..self.terms.len())
@@ -180,7 +180,7 @@ impl Stage for CreepStage {
         };
         let phi = (0..self.terms.len()).map(diagonal).collect();
         let rest = vec![1.0; self.terms.len()];
-        Some(vec![Block::Linear(Linear::reading_states(
+        Ok(vec![Block::Linear(Linear::reading_states(
             phi,
             of(|t| t.from_start),
             of(|t| t.from_end),

@@ -5,6 +5,7 @@
 //! equilibrium is the play operator of the same threshold, and a sum over thresholds and time constants is
 //! the nonlinear creep of log(t) type. A threshold of zero gives the linear terms of [`super::creep`].
 
+use crate::block::{Block, CreepingPlay};
 use crate::physics::*;
 use std::sync::Arc;
 
@@ -85,6 +86,16 @@ impl Stage for OperatorStage {
                 .iter_mut()
                 .map(|operator| operator.step(before_um, input))
                 .sum::<f64>()
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        let play = |of: &Operator| CreepingPlay {
+            share: of.share,
+            threshold: of.threshold_um,
+            decay: of.decay,
+            adds: [of.from_start, of.from_end],
+        };
+        let plays = self.operators.iter().map(play).collect();
+        Ok(vec![Block::CreepingPlays(plays)])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input_um = input;

@@ -82,7 +82,7 @@ impl Stage for PairStage {
         (self.state, self.input) = ([input, 0.0], input);
         input + self.carried.adds(self.state)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let c = &self.carried;
         let phi = c.phi.iter().map(|row| row.to_vec()).collect();
         let block = Linear::reading_states(
@@ -93,7 +93,7 @@ impl Stage for PairStage {
             1.0,
             vec![1.0, 0.0],
         );
-        Some(vec![Block::Linear(block)])
+        Ok(vec![Block::Linear(block)])
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PairLanes {

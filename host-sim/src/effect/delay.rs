@@ -28,8 +28,8 @@ impl Stage for DelayStage {
         // The mean over the interval of the held drive that changes inside it.
         self.late_share * late + (1.0 - self.late_share) * early
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Delay {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Delay {
             whole: self.line.len() - 1,
             late_share: self.late_share,
         }])

@@ -48,8 +48,8 @@ impl Stage for DuhemStage {
         self.last = x;
         self.output
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Duhem {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Duhem {
             approach: self.approach,
             slope: self.slope_um,
             elastic: self.elastic_um,

@@ -32,6 +32,7 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
+use crate::block::{Block, Written};
 use crate::physics::*;
 use nalgebra::DMatrix;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
@@ -403,6 +404,55 @@ impl Stage for ExpressionStage<'_> {
         self.values[0] = input;
         self.values[2] = (k + 1) as f64 * self.setting.dt_s;
         self.effect.output.evaluate(&self.values, &mut self.room)
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        let Self {
+            effect,
+            values,
+            states,
+            ..
+        } = self;
+        let (drive, first_recorded) = (3, GIVEN.len());
+        let own = first_recorded + effect.declaration.auxiliary.len();
+        let all = || effect.derivatives.iter().chain([&effect.output]);
+        if all().any(|formula| formula.uses(drive)) {
+            return Err("it takes the drive beside its input");
+        }
+        if (first_recorded..own).any(|at| all().any(|formula| formula.uses(at))) {
+            return Err("it takes signals that are recorded beside the drive");
+        }
+        if !states.is_empty() && values[states.clone()].iter().any(|value| value.is_nan()) {
+            return Err("its states are too fast for the sampling rate");
+        }
+        let given = ["now", "rate", "time", "u", "force"].map(str::to_owned);
+        let recorded = effect.declaration.auxiliary.iter().cloned();
+        let parameters = values[own..states.start]
+            .iter()
+            .map(|value| format!("({value:e})"));
+        let names: Vec<String> = given
+            .into_iter()
+            .chain(recorded)
+            .chain(parameters)
+            .chain((0..states.len()).map(|i| format!("q{i}")))
+            .collect();
+        let derivative = |(i, formula): (usize, &Formula)| formula.as_law(&names, &format!("d{i}"));
+        Ok(vec![Block::Written(Written {
+            output: effect.output.as_law(&names, "y"),
+            derivatives: effect
+                .derivatives
+                .iter()
+                .enumerate()
+                .map(derivative)
+                .collect(),
+            states: effect
+                .initial
+                .iter()
+                .zip(&self.units)
+                .map(|(first, unit)| [*first, *unit])
+                .collect(),
+            dt_s: self.setting.dt_s,
+            parts: self.parts,
+        })])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;

@@ -10,6 +10,9 @@
 
 use super::arrival::{Arrival, Over};
 use super::mode::ModeLaw;
+use crate::balance_law::{self, ForceLines, InPieces};
+use crate::block::Block;
+use crate::law::Law;
 use crate::linear_system::ContinuousSystem;
 use crate::physics::*;
 
@@ -116,6 +119,10 @@ impl Balance {
         sum
     }
 
+    fn lines(&self) -> Vec<ForceLines> {
+        self.forces.iter().map(|force| force.lines()).collect()
+    }
+
     fn stiffening(&self, swing_um: f64) -> f64 {
         self.forces
             .iter()
@@ -216,6 +223,16 @@ struct Piece<const N: usize> {
     whole: Transition<N>,
 }
 
+impl<const N: usize> Piece<N> {
+    fn over(system: &ContinuousSystem, piece_s: f64, arrival: Arrival) -> Self {
+        let over = |dt_s: f64| Transition::over_interval(system, dt_s, arrival);
+        Self {
+            half: over(0.5 * piece_s),
+            whole: over(piece_s),
+        }
+    }
+}
+
 struct Transition<const N: usize> {
     phi: [[f64; N]; N],
     start: [f64; N],
@@ -232,6 +249,16 @@ impl<const N: usize> Transition<N> {
             start: std::array::from_fn(|i| start[i]),
             end: std::array::from_fn(|i| end[i]),
             powers: powers.map(|power| std::array::from_fn(|i| power[i])),
+        }
+    }
+
+    fn as_numbers(&self) -> balance_law::Over {
+        let powers = (0..N).flat_map(|i| [0, 1, 2].map(|p| self.powers[p][i]));
+        balance_law::Over {
+            phi: self.phi.as_flattened().to_vec(),
+            start: self.start.to_vec(),
+            end: self.end.to_vec(),
+            powers: powers.collect(),
         }
     }
 
@@ -371,17 +398,11 @@ impl<const N: usize> Balanced<N> {
         } else {
             (filled.log2().ceil() as usize).min(HALVINGS_MAX)
         };
+        let (length_s, way) = (segment.length_s, segment.arrival);
         let (count, piece) = &*segment.levels[halvings].get_or_insert_with(|| {
             let count = fewest * f64::from(1_u32 << halvings);
-            let piece_s = segment.length_s / count;
-            let over = |dt_s: f64| Transition::over_interval(system, dt_s, segment.arrival);
-            (
-                count as usize,
-                Box::new(Piece {
-                    half: over(0.5 * piece_s),
-                    whole: over(piece_s),
-                }),
-            )
+            let piece = Piece::over(system, length_s / count, way);
+            (count as usize, Box::new(piece))
         });
         // Where a glide would come to; a straight way goes on by steps.
         let left = match segment.arrival {
@@ -423,6 +444,86 @@ impl<const N: usize> Balanced<N> {
         }
     }
 
+    /// Half a piece and a piece of every segment, by how often the pieces are halved.
+    fn over_in_numbers(&self) -> Vec<balance_law::Over> {
+        let mut out = Vec::new();
+        for segment in &self.segments {
+            for halvings in 0..=HALVINGS_MAX {
+                let count = segment.fewest * f64::from(1_u32 << halvings);
+                let piece_s = segment.length_s / count;
+                let piece = Piece::<N>::over(&self.system, piece_s, segment.arrival);
+                out.extend([piece.half.as_numbers(), piece.whole.as_numbers()]);
+            }
+        }
+        out
+    }
+
+    /// Where the drive is in a piece, as [`crate::law`] writes.
+    fn way_in_lines(&self) -> String {
+        let places = [
+            ("here", "piece"),
+            ("midway", "(piece + 0.5)"),
+            ("ahead", "(piece + 1)"),
+        ];
+        match self.arrival {
+            Arrival::Late(_) => {
+                let late = if self.segments.len() > 1 {
+                    "if segment == 0\n  here = before\n"
+                } else {
+                    ""
+                };
+                format!("here = x\n{late}midway = here\nahead = here\n")
+            }
+            Arrival::Straight => places
+                .map(|(name, at)| format!("{name} = before + (x - before) * {at} / count\n"))
+                .concat(),
+            Arrival::Gliding(time_constant_s) => {
+                let left = self.arrival.left_after(self.dt_s);
+                let angle = self.dt_s / time_constant_s;
+                let aim = format!("aim = (x - {left:e} * before) / {:e}\n", 1.0 - left);
+                let glides = places.map(|(name, at)| {
+                    format!("{name} = aim + (before - aim) * exp(-{angle:e} * {at} / count)\n")
+                });
+                aim + &glides.concat()
+            }
+        }
+    }
+}
+
+/// The first mode of a model with forces that its mass works against.
+pub(super) struct BalancedMass(Box<dyn Mass>);
+
+/// [`Balanced`] of any number of states.
+trait Mass: Send {
+    fn run_over(&mut self, signal: &mut [f64]);
+    fn settle_at(&mut self, input: f64) -> f64;
+    fn law(&self) -> Law;
+}
+
+impl<const N: usize> Mass for Balanced<N> {
+    fn run_over(&mut self, signal: &mut [f64]) {
+        signal
+            .iter_mut()
+            .for_each(|value| *value = self.step_on(*value));
+    }
+    fn law(&self) -> Law {
+        let pieces = self.behind.is_none().then(|| InPieces {
+            fewest: self.segments.iter().map(|s| s.fewest).collect(),
+            fills: self.segments.iter().map(|s| s.filled).collect(),
+            way: self.way_in_lines(),
+        });
+        let over = match &self.behind {
+            Some(transition) => vec![transition.as_numbers()],
+            None => self.over_in_numbers(),
+        };
+        let mass = balance_law::BalancedMass {
+            order: N,
+            read: self.read,
+            over,
+            pieces,
+        };
+        mass.law(&self.balance.lines(), self.balance.speed_factor)
+    }
     fn settle_at(&mut self, input: f64) -> f64 {
         let rest_um = self.balance.settle(input);
         self.held = input - rest_um;
@@ -430,18 +531,6 @@ impl<const N: usize> Balanced<N> {
         self.state = std::array::from_fn(|i| if i == 1 || i == 4 { 0.0 } else { rest_um });
         self.before = input;
         rest_um
-    }
-}
-
-/// The first mode of a model with forces that its mass works against.
-pub(super) struct BalancedMass(Box<dyn Stage>);
-
-impl<const N: usize> Stage for Balanced<N> {
-    fn step(&mut self, _k: usize, input: f64) -> f64 {
-        self.step_on(input)
-    }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.settle_at(input)
     }
 }
 
@@ -457,7 +546,7 @@ impl BalancedMass {
     ) -> Self {
         let balance = Balance::new(forces, speed_factor);
         let (system, read) = law.read_system();
-        let mut stage: Box<dyn Stage> = match system.a.nrows() {
+        let mut mass: Box<dyn Mass> = match system.a.nrows() {
             2 => Box::new(Balanced::<2>::new(
                 law,
                 (system, read),
@@ -480,23 +569,30 @@ impl BalancedMass {
                 balance,
             )),
         };
-        stage.settle(at_rest);
-        Self(stage)
+        mass.settle_at(at_rest);
+        Self(mass)
     }
 
     /// One interval; what is read at its end.
     pub(super) fn step(&mut self, input: f64) -> f64 {
-        self.0.step(0, input)
+        let mut signal = [input];
+        self.0.run_over(&mut signal);
+        signal[0]
     }
 
     /// Runs over a signal, its value at the end of each interval, and leaves what is read in its place.
     pub(super) fn run_over(&mut self, signal: &mut [f64]) {
-        self.0.run(0, signal);
+        self.0.run_over(signal);
+    }
+
+    /// What it does.
+    pub(super) fn law(&self) -> Law {
+        self.0.law()
     }
 
     /// At rest under a constant input; where that is.
     pub(super) fn settle(&mut self, input: f64) -> f64 {
-        self.0.settle(input)
+        self.0.settle_at(input)
     }
 }
 
@@ -527,6 +623,10 @@ impl Stage for RestingPlace {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.displacement_um = self.balance.rest(self.displacement_um, input);
         self.displacement_um
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        let law = balance_law::resting(&self.balance.lines());
+        Ok(vec![Block::Mass(law)])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.displacement_um = self.balance.settle(input);

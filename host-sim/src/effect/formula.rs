@@ -39,8 +39,8 @@ static OPERATORS: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
 type OfOne = fn(f64) -> f64;
 type OfTwo = fn(f64, f64) -> f64;
 
-/// Functions of one number.
-const OF_ONE: [(&str, OfOne); 28] = [
+/// Functions of one number. Exports call those by their name that have no lines in [`WRITTEN_OUT`].
+static OF_ONE: [(&str, OfOne); 28] = [
     ("abs", f64::abs),
     ("signum", |x| if x == 0.0 { 0.0 } else { x.signum() }),
     ("sqrt", f64::sqrt),
@@ -71,8 +71,40 @@ const OF_ONE: [(&str, OfOne); 28] = [
     ("not", |x| f64::from(u8::from(x == 0.0))),
 ];
 
+/// What no language has under the same name, in [`crate::law`]: `y` from `a` and `b`, as an expression or in
+/// lines.
+const WRITTEN_OUT: [(&str, &str); 24] = [
+    ("ln", "log(a)"),
+    ("signum", "y = 0\nif a > 0\n  y = 1\nif a < 0\n  y = -1\n"),
+    ("cbrt", "y = pow(abs(a), 1 / 3.0)\nif a < 0\n  y = -y\n"),
+    ("coth", "(1 / tanh(a))"),
+    (
+        "langevin",
+        "y = a / 3 - pow(a, 3) / 45 + 2 * pow(a, 5) / 945\nif abs(a) >= 1e-2\n  y = 1 / tanh(a) - 1 / a\n",
+    ),
+    ("round", "y = floor(abs(a) + 0.5)\nif a < 0\n  y = -y\n"),
+    ("trunc", "y = floor(abs(a))\nif a < 0\n  y = -y\n"),
+    ("fract", "y = abs(a) - floor(abs(a))\nif a < 0\n  y = -y\n"),
+    ("not", "y = 0\nif a == 0\n  y = 1\n"),
+    ("rem", "(a - abs(b) * floor(a / abs(b)))"),
+    ("and", "y = 0\nif a != 0 && b != 0\n  y = 1\n"),
+    ("or", "y = 0\nif a != 0 || b != 0\n  y = 1\n"),
+    ("-", "(-a)"),
+    ("plus", "(a + b)"),
+    ("less_sign", "(a - b)"),
+    ("times", "(a * b)"),
+    ("divided", "(a / b)"),
+    ("power", "pow(a, b)"),
+    ("less", "y = 0\nif a < b\n  y = 1\n"),
+    ("at_most", "y = 0\nif a <= b\n  y = 1\n"),
+    ("greater", "y = 0\nif a > b\n  y = 1\n"),
+    ("at_least", "y = 0\nif a >= b\n  y = 1\n"),
+    ("equal", "y = 0\nif a == b\n  y = 1\n"),
+    ("unequal", "y = 0\nif a != b\n  y = 1\n"),
+];
+
 /// Functions of two numbers; `true` where more than two are taken from the left.
-const OF_TWO: [(&str, OfTwo, bool); 7] = [
+static OF_TWO: [(&str, OfTwo, bool); 7] = [
     ("max", f64::max, true),
     ("min", f64::min, true),
     ("atan2", f64::atan2, false),
@@ -109,8 +141,8 @@ enum Step {
     Number(f64),
     /// A value by its place in the list that evaluation is given.
     Value(usize),
-    OfOne(OfOne),
-    OfTwo(OfTwo),
+    OfOne(&'static str, OfOne),
+    OfTwo(&'static str, OfTwo),
     /// Of three numbers the second where the first is not 0, else the third.
     Select,
 }
@@ -167,8 +199,8 @@ impl Formula {
             let result = match step {
                 Step::Number(number) => *number,
                 Step::Value(at) => values[*at],
-                Step::OfOne(function) => function(stack.pop().unwrap_or(f64::NAN)),
-                Step::OfTwo(function) => {
+                Step::OfOne(_, function) => function(stack.pop().unwrap_or(f64::NAN)),
+                Step::OfTwo(_, function) => {
                     let second = stack.pop().unwrap_or(f64::NAN);
                     function(stack.pop().unwrap_or(f64::NAN), second)
                 }
@@ -186,6 +218,68 @@ impl Formula {
         }
         stack.pop().unwrap_or(f64::NAN)
     }
+
+    /// Lines of [`crate::law`] that give `to` of the values by these names; what does not fit into an expression
+    /// is a line before it, under a name that begins with `to`.
+    pub(super) fn as_law(&self, names: &[String], to: &str) -> String {
+        let (mut out, mut stack, mut count) = (String::new(), Vec::<String>::new(), 0);
+        for step in &self.steps {
+            let mut next = || stack.pop().unwrap_or_default();
+            let (pattern, given) = match step {
+                Step::Number(number) => (format!("{number:e}"), Vec::new()),
+                Step::Value(at) => (names[*at].clone(), Vec::new()),
+                Step::OfOne(name, _) => (pattern_of(name, "a"), vec![("a", next())]),
+                Step::OfTwo(name, _) => {
+                    let second = next();
+                    (pattern_of(name, "a, b"), vec![("a", next()), ("b", second)])
+                }
+                Step::Select => {
+                    let (otherwise, then) = (next(), next());
+                    let given = vec![("a", next()), ("b", then), ("c", otherwise)];
+                    ("y = c\nif a != 0\n  y = b\n".into(), given)
+                }
+            };
+            let is_lines = pattern.contains(" = ");
+            let between = format!("{to}_{count}");
+            let mut text = String::new();
+            for word in words(&pattern).map(|word| match word {
+                "y" if is_lines => between.as_str(),
+                _ => given
+                    .iter()
+                    .find(|(name, _)| *name == word)
+                    .map_or(word, |(_, value)| value),
+            }) {
+                text += word;
+            }
+            if is_lines {
+                out += &text;
+                count += 1;
+            }
+            stack.push(if is_lines { between } else { text });
+        }
+        out + &format!("{to} = {}\n", stack.pop().unwrap_or_default())
+    }
+}
+
+/// What exports write for a function.
+fn pattern_of(name: &str, of: &str) -> String {
+    let written = WRITTEN_OUT.iter().find(|(known, _)| *known == name);
+    written.map_or_else(|| format!("{name}({of})"), |(_, lines)| (*lines).to_owned())
+}
+
+/// Words and what stands between them.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    let part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let first = rest.chars().next()?;
+        let length = rest
+            .find(|c: char| part(c) != part(first))
+            .unwrap_or(rest.len());
+        let (word, after) = rest.split_at(length);
+        rest = after;
+        Some(word)
+    })
 }
 
 /// The steps of terms with operators between them.
@@ -198,7 +292,7 @@ fn steps_of_terms(
     let (steps, _) = OPERATORS
         .map_primary(|pair| Ok((steps_of(pair, text, names)?, false)))
         .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| {
-            of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false))
+            of.map(|(steps, _)| (with(steps, Step::OfOne("-", |x| -x)), false))
         })
         .map_infix(|left, operator, right| {
             let ((mut steps, of_truth), (more, _)) = (left?, right?);
@@ -212,10 +306,7 @@ fn steps_of_terms(
                 ));
             }
             steps.extend(more);
-            Ok((
-                with(steps, Step::OfTwo(function_of(operator.as_rule()))),
-                compares,
-            ))
+            Ok((with(steps, function_of(operator.as_rule())), compares))
         })
         .parse(pairs)?;
     Ok(steps)
@@ -233,20 +324,21 @@ fn is_comparison(operator: Rule) -> bool {
     )
 }
 
-fn function_of(operator: Rule) -> OfTwo {
-    match operator {
-        Rule::plus => |a, b| a + b,
-        Rule::less_sign => |a, b| a - b,
-        Rule::times => |a, b| a * b,
-        Rule::divided => |a, b| a / b,
-        Rule::power => power,
-        Rule::less => |a, b| f64::from(u8::from(a < b)),
-        Rule::at_most => |a, b| f64::from(u8::from(a <= b)),
-        Rule::greater => |a, b| f64::from(u8::from(a > b)),
-        Rule::at_least => |a, b| f64::from(u8::from(a >= b)),
-        Rule::equal => |a, b| f64::from(u8::from(a == b)),
-        _ => |a, b| f64::from(u8::from(a != b)),
-    }
+fn function_of(operator: Rule) -> Step {
+    let (name, function): (_, OfTwo) = match operator {
+        Rule::plus => ("plus", |a, b| a + b),
+        Rule::less_sign => ("less_sign", |a, b| a - b),
+        Rule::times => ("times", |a, b| a * b),
+        Rule::divided => ("divided", |a, b| a / b),
+        Rule::power => ("power", power),
+        Rule::less => ("less", |a, b| f64::from(u8::from(a < b))),
+        Rule::at_most => ("at_most", |a, b| f64::from(u8::from(a <= b))),
+        Rule::greater => ("greater", |a, b| f64::from(u8::from(a > b))),
+        Rule::at_least => ("at_least", |a, b| f64::from(u8::from(a >= b))),
+        Rule::equal => ("equal", |a, b| f64::from(u8::from(a == b))),
+        _ => ("unequal", |a, b| f64::from(u8::from(a != b))),
+    };
+    Step::OfTwo(name, function)
 }
 
 /// Small whole powers by products, which are as exact and much faster.
@@ -327,14 +419,14 @@ fn call(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>,
             &format!("{name} takes {expected}, not {}", arguments.len()),
         ))
     };
-    if let Some((_, function)) = OF_ONE.iter().find(|(known, _)| *known == name) {
+    if let Some((name, function)) = OF_ONE.iter().find(|(known, _)| *known == name) {
         return if arguments.len() == 1 {
-            Ok(with(arguments.concat(), Step::OfOne(*function)))
+            Ok(with(arguments.concat(), Step::OfOne(name, *function)))
         } else {
             takes("one number")
         };
     }
-    if let Some((_, function, more)) = OF_TWO.iter().find(|(known, ..)| *known == name) {
+    if let Some((name, function, more)) = OF_TWO.iter().find(|(known, ..)| *known == name) {
         if arguments.len() < 2 || (arguments.len() > 2 && !more) {
             return takes(if *more {
                 "two numbers or more"
@@ -345,7 +437,7 @@ fn call(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>,
         let mut steps = arguments[0].clone();
         for argument in &arguments[1..] {
             steps.extend(argument);
-            steps.push(Step::OfTwo(*function));
+            steps.push(Step::OfTwo(name, *function));
         }
         return Ok(steps);
     }

@@ -8,8 +8,14 @@
 //! bristle. Where the model has inertia, the vibration stage takes the bristle in: it then holds the moving
 //! mass, and a small motion inside the presliding range sees it as an additional spring.
 
-use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction, SLIDES_WITHIN};
+use crate::balance_law::ForceLines;
+use crate::block::Block;
+use crate::elastoplastic_friction::{
+    BALANCING_STEPS_MAX, Dahl, ElastoplasticFriction, LAST_STEP_OF_SLIDING_BEND, SLIDES_WITHIN,
+};
+use crate::law::{Law, deeper};
 use crate::physics::*;
+use std::f64::consts::PI;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "friction";
@@ -104,6 +110,11 @@ impl Bristle {
         }
     }
 
+    /// Its stiffness, in units of the actuator's.
+    pub(super) fn stiffness(&self) -> f64 {
+        self.contact.stiffness_n_um
+    }
+
     /// What makes it, for those who compare: stiffness, Coulomb force, elastic range.
     pub(super) fn values(&self) -> [f64; 3] {
         [
@@ -152,7 +163,7 @@ impl Bristle {
             bending
         };
         let mut bend = self.bend;
-        for _ in 0..6 {
+        for _ in 0..BALANCING_STEPS_MAX {
             bend = self.bend_after(self.bend, motion);
             let share = elastic_share(bend);
             let further = (force - motion - stiffness * bend) / (1.0 + stiffness * share);
@@ -164,6 +175,151 @@ impl Bristle {
             }
         }
         (motion, bend)
+    }
+
+    /// [`Self::bend_after`] as [`crate::law`] writes: from a bend after a motion to another.
+    pub(super) fn bend_in_lines(&self, bend: &str, motion: &str, to: &str) -> String {
+        let slides = self.sliding_bend;
+        if slides <= 0.0 {
+            return format!("{to} = 0\n");
+        }
+        let Some(ratio) = self.contact.breakaway_ratio else {
+            return format!(
+                "towards = {slides:e}
+if {motion} < 0
+  towards = -towards
+{to} = towards + ({bend} - towards) * exp(-abs({motion}) / {slides:e})
+"
+            );
+        };
+        let breaks = ratio.clamp(0.0, 1.0) * slides;
+        let width = slides - breaks;
+        let (reach, least) = (20.0 * slides, 0.05 * width);
+        let plastic = if width > 1e-9 * slides {
+            let [here, midway] =
+                ["bent", "halfway"].map(|at| deeper(&self.elastic_share_in_lines(at), 1));
+            format!(
+                "gone = 0
+longer = min(longer, {reach:e})
+while gone < longer && bent < {slides:e}
+  part = min({least:e} + 0.1 * gone, longer - gone)
+{here}  halfway = bent + 0.5 * part * elastic
+{midway}  bent = bent + part * elastic
+  gone = gone + part
+"
+            )
+        } else {
+            String::new()
+        };
+        format!(
+            "side = 1
+if {motion} < 0
+  side = -1
+bent = {bend} * side
+longer = abs({motion})
+if bent < {breaks:e}
+  elastic = min(longer, {breaks:e} - bent)
+  bent = bent + elastic
+  longer = longer - elastic
+{plastic}{to} = side * min(bent, {slides:e})
+"
+        )
+    }
+
+    /// The share of a motion in the direction of a bend that is elastic, where the contact has an elastic range.
+    fn elastic_share_in_lines(&self, bend: &str) -> String {
+        let slides = self.sliding_bend;
+        let breaks = self.contact.breakaway_ratio.unwrap_or(0.0) * slides;
+        let width = slides - breaks;
+        format!(
+            "plastic = min(max(({bend} - {breaks:e}) / {width:e}, 0), 1)
+elastic = 1 - (0.5 - 0.5 * cos({PI:e} * plastic)) * {bend} / {slides:e}
+"
+        )
+    }
+
+    /// [`Self::balance`] as [`crate::law`] writes, of the states `stands` and `bend`.
+    pub(super) fn balance_in_lines(&self) -> String {
+        let stiffness = self.contact.stiffness_n_um;
+        let moves = if self.dahl.is_some() || self.sliding_bend <= 0.0 {
+            self.moves_after_dahl()
+        } else {
+            self.moves_with_elastic_range()
+        };
+        format!(
+            "lacks = x - stands - {stiffness:e} * bend
+if abs(lacks) >= {BALANCED_UM:e}
+  turned = 1
+  if lacks < 0
+    turned = -1
+{}",
+            deeper(&moves, 1)
+        )
+    }
+
+    /// [`Dahl::balanced`] in lines.
+    fn moves_after_dahl(&self) -> String {
+        let (stiffness, slides) = (self.contact.stiffness_n_um, self.sliding_bend);
+        let as_good_as_sliding = SLIDES_WITHIN * slides;
+        let last = LAST_STEP_OF_SLIDING_BEND * slides;
+        format!(
+            "imbalance = abs(lacks)
+room = {slides:e} - turned * bend
+most = {stiffness:e} * room
+if room <= {as_good_as_sliding:e} && imbalance > most
+  stands = stands + turned * max(imbalance - most, 0)
+  bend = turned * {slides:e}
+else
+  stiff = most / {slides:e}
+  way = imbalance / (1 + stiff)
+  way = way * (1 + 0.5 * way / {slides:e} * stiff / (1 + stiff))
+  way = max(min(way, imbalance), imbalance - most)
+  remains = 1
+  trial = 0
+  while trial < {BALANCING_STEPS_MAX}
+    remains = exp(-way / {slides:e})
+    slope = stiff * remains
+    further = (imbalance - way - most * (1 - remains)) / (1 + slope)
+    further = further * (1 + 0.5 * further * slope / {slides:e} / (1 + slope))
+    way = way + further
+    shorter = further / {slides:e}
+    remains = remains * (1 - shorter * (1 - 0.5 * shorter))
+    trial = trial + 1
+    if abs(further) < {last:e}
+      trial = {BALANCING_STEPS_MAX}
+  stands = stands + turned * way
+  bend = turned * ({slides:e} - room * remains)
+"
+        )
+    }
+
+    /// [`Self::balanced`] in lines.
+    fn moves_with_elastic_range(&self) -> String {
+        let stiffness = self.contact.stiffness_n_um;
+        let coulomb = self.contact.coulomb_force_n;
+        let share = self.elastic_share_in_lines("along");
+        let again = deeper(&share, 1);
+        let bends = deeper(&self.bend_in_lines("bend", "way", "after"), 1);
+        format!(
+            "along = turned * bend
+{share}wanted = lacks + {stiffness:e} * bend
+way = lacks / (1 + {stiffness:e} * elastic)
+sliding = wanted - turned * {coulomb:e}
+if sliding * lacks > 0 && abs(sliding) > abs(way)
+  way = sliding
+trial = 0
+while trial < {BALANCING_STEPS_MAX}
+{bends}  along = turned * after
+{again}  further = (wanted - way - {stiffness:e} * after) / (1 + {stiffness:e} * elastic)
+  way = way + further
+  after = after + elastic * further
+  trial = trial + 1
+  if abs(further) < {LAST_STEP_UM:e}
+    trial = {BALANCING_STEPS_MAX}
+stands = stands + way
+bend = after
+"
+        )
     }
 
     /// Relaxed at a displacement.
@@ -184,6 +340,16 @@ impl RestoringForce for Bristle {
     }
     fn stiffening(&self, _memory: f64, _swing_um: f64) -> f64 {
         self.contact.stiffness_n_um
+    }
+    fn lines(&self) -> ForceLines {
+        let stiffness = self.contact.stiffness_n_um;
+        let bends = self.bend_in_lines("memory", "(place - came)", "kept");
+        ForceLines {
+            held: format!("{bends}given = {stiffness:e} * kept\n"),
+            at_rest: "given = 0\nkept = 0\n".into(),
+            stiffening: format!("stiff = stiff + {stiffness:e}\n"),
+            remembers: true,
+        }
     }
 }
 
@@ -213,6 +379,11 @@ impl Stage for FrictionStage {
         self.bristle.relax(input);
         input
     }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        let step = format!("{}y = stands\n", self.bristle.balance_in_lines());
+        let law = Law::of(&step).state("stands", None).state("bend", None);
+        Ok(vec![Block::Mass(law.begins("stands = x\nbend = 0\n"))])
+    }
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(PassedOn))
     }
@@ -237,7 +408,7 @@ impl Effect for Friction {
 `breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
 
 Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
-that is divided where the mass sticks and slides. No export does this.",
+that is divided where the mass sticks and slides.",
             ..Declaration::at(Place::Friction)
         }
     }

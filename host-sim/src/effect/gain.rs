@@ -19,8 +19,8 @@ impl Stage for GainStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.gain_um_v * (input - self.lower_limit_v)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Proportional {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Proportional {
             gain: self.gain_um_v,
             offset: self.lower_limit_v,
         }])

@@ -12,6 +12,8 @@
 use super::arrival::Arrival;
 use super::friction::Bristle;
 use super::mode::{ModeLaw, Motion, Propagator, Within};
+use crate::elastoplastic_friction::SLIDES_WITHIN;
+use crate::law::{Law, deeper};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.7;
@@ -176,6 +178,31 @@ impl HeldMass {
         self.motion = motion;
     }
 
+    /// What it does.
+    pub(super) fn law(&self) -> Law {
+        let (states, begin, step) = match &self.way {
+            Way::Balanced(propagator) => (
+                "stands",
+                "stands = x\n",
+                format!(
+                    "starts = stands\n{}ends = stands\n{}{GOES_ON}",
+                    self.bristle.balance_in_lines(),
+                    propagator.in_lines(),
+                ),
+            ),
+            Way::Pieces(pieces) => {
+                let lags = self.law.sensor_bandwidth_hz.is_some();
+                let step = pieces.in_lines(&self.bristle, lags);
+                ("before", "before = x\n", step)
+            }
+        };
+        let law = Law::of(&format!("{step}y = reading\n"));
+        ["place", "speed", "reading", "bend", states]
+            .into_iter()
+            .fold(law, |law, name| law.state(name, None))
+            .begins(&format!("place = x\nreading = x\n{begin}"))
+    }
+
     /// At rest under a constant input.
     pub(super) fn settle(&mut self, input: f64) {
         self.motion = Motion::settled(input);
@@ -252,6 +279,9 @@ impl Way {
         }))
     }
 }
+
+/// The end of a way becomes where the mode is.
+const GOES_ON: &str = "place = next_place\nspeed = next_speed\nreading = next_reading\n";
 
 impl Switch {
     fn from_law(law: &ModeLaw, piece_s: f64, late_pieces: f64, at_rest: f64) -> Self {
@@ -446,6 +476,135 @@ impl Pieces {
             piece += 1;
         }
         (motion, bend)
+    }
+}
+
+impl Pieces {
+    /// [`Self::walk`] and [`Self::glide`] as [`crate::law`] writes: a drive that steps glides from where it is to
+    /// where it is.
+    fn in_lines(&self, bristle: &Bristle, lags: bool) -> String {
+        let (count, pieces) = (self.count, self.stretch.pieces);
+        let stiffness = bristle.stiffness();
+        let slides = bristle.bend_in_sliding(1.0);
+        let within = SLIDES_WITHIN * slides;
+        let stretch = &self.stretch.propagator;
+        let [begins, enters, of_piece, of_stretch] = self.enters.in_lines(count);
+        // A force that comes may turn a motion back that had turned before.
+        let uncome = match &self.enters {
+            Enters::Gliding(_) => format!(
+                "ends = starts\n{}turns = min(turns, uncome * ahead)\n",
+                stretch.speed_in_lines("uncome")
+            ),
+            _ => String::new(),
+        };
+        let mut goes = self.piece.in_lines();
+        if let Enters::Late(switch) = &self.enters {
+            let late = deeper(&switch.propagator.in_lines(), 1);
+            goes += &format!("if piece == {}\n{late}", switch.piece);
+        }
+        goes += &self.within.risen_in_lines("(held - holds)", lags);
+        goes += &bristle.bend_in_lines("bend", "(next_place - place)", "bend");
+        let midway = bristle.bend_in_lines("bend", "(mean - place)", "midway");
+        let rests = self
+            .piece
+            .after_rest_in_lines(&format!("({count} - piece)"));
+        format!(
+            "{begins}piece = 0
+while piece < {count}
+{enters}  ahead = {angle:e} * speed
+  held = {stiffness:e} * bend
+  slid = 0
+  side = 1
+  if ahead < 0
+    side = -1
+  if piece + {pieces} <= limit && abs({slides:e} - side * bend) <= {within:e}
+{of_stretch}    starts = drive - held
+    ends = comes - held
+{through}    turns = next_speed * ahead
+{uncome}    if turns > 0
+      bend = side * {slides:e}
+{goes_on}      drive = comes
+      piece = piece + {pieces}
+      slid = 1
+  if slid == 0
+{of_piece}    mean = {mean}
+{midway}    holds = {stiffness:e} * midway
+    if settled > 0 && abs(ahead) < {AT_REST_UM:e} && abs(drive - holds - place) < {AT_REST_UM:e}
+{rests}      piece = {count}
+    else
+      starts = drive - holds
+      ends = comes - holds
+{goes}{goes_on}      drive = comes
+      piece = piece + 1
+before = x
+",
+            enters = deeper(&enters, 1),
+            angle = self.piece.angle_rad(),
+            of_stretch = deeper(&of_stretch, 2),
+            through = deeper(&stretch.in_lines(), 2),
+            uncome = deeper(&uncome, 2),
+            goes_on = deeper(GOES_ON, 3),
+            of_piece = deeper(&of_piece, 2),
+            mean = self.within.mean_in_lines("in_the_mean - held"),
+            midway = deeper(&midway, 2),
+            rests = deeper(&rests, 3),
+            goes = deeper(&goes, 3),
+        )
+    }
+}
+
+impl Enters {
+    /// What [`Pieces::in_lines`] has at the beginning of an interval and of a piece, and where the drive comes to
+    /// in a piece and in a stretch of them.
+    fn in_lines(&self, count: usize) -> [String; 4] {
+        let steps = |place: &str| {
+            format!(
+                "limit = {count}\nsettled = 1\ndrive = {place}\ncomes = {place}\nin_the_mean = {place}\n"
+            )
+        };
+        match self {
+            Self::AtOnce => [steps("x"), String::new(), String::new(), String::new()],
+            Self::Late(switch) => {
+                let (arrives, of_mean) = (switch.piece, switch.of_mean);
+                let late = format!(
+                    "{}if before != x && piece <= {arrives}
+  settled = 0
+  limit = {arrives}
+  drive = before
+  comes = before
+  in_the_mean = before
+  if piece == {arrives}
+    comes = x
+    in_the_mean = before + {of_mean:e} * (x - before)
+",
+                    steps("x")
+                );
+                [String::new(), late, String::new(), String::new()]
+            }
+            Self::Gliding(glide) => {
+                let (aim, comes): (_, fn(f64, f64) -> String) = if glide.per_piece > 0.0 {
+                    ("rise = x - before\n".to_owned(), |_, way| {
+                        format!("comes = drive + {way:e} * rise\n")
+                    })
+                } else {
+                    let left = glide.left;
+                    let aim = format!("aim = (x - {left:e} * before) / {:e}\n", 1.0 - left);
+                    (aim, |left, _| {
+                        format!("comes = aim + {left:e} * (drive - aim)\n")
+                    })
+                };
+                let in_the_mean = format!(
+                    "in_the_mean = drive + {:e} * (comes - drive)\n",
+                    glide.of_mean
+                );
+                [
+                    format!("drive = before\n{aim}limit = {count}\n"),
+                    format!("settled = 0\nif abs(x - drive) < {AT_REST_UM:e}\n  settled = 1\n"),
+                    comes(glide.left_of_piece, glide.per_piece) + &in_the_mean,
+                    comes(glide.left_of_stretch, glide.per_stretch),
+                ]
+            }
+        }
     }
 }
 

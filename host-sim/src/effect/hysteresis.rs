@@ -153,22 +153,25 @@ impl Stage for HysteresisStage {
         self.drive.settle(last_v);
         self.output_um = signal[signal.len() - 1];
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        if self.two_sided.is_some() || self.rate_orders.is_some() {
-            return None; // no block has their surfaces
-        }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let surfaces = self.operator.surfaces();
         let drive = &self.drive;
-        Some(vec![Block::Loops {
+        Ok(vec![Block::Loops {
             g: surfaces.g.clone(),
             r: surfaces.r.clone(),
             plays: self
                 .plays
                 .as_ref()
                 .map_or_else(Vec::new, PlayOperators::plays),
-            rate: drive
-                .rate
-                .map(|law| law.as_block(drive.dt_s, drive.substeps)),
+            rate: drive.asks_rate().then(|| {
+                let rate = drive.rate.unwrap_or_default();
+                let orders = self.rate_orders.as_ref();
+                rate.as_block(drive.dt_s, drive.substeps, orders)
+            }),
+            first_ways: self
+                .two_sided
+                .as_ref()
+                .map(|memory| memory.as_block(self.zero_um)),
             lower: drive.lower_limit_v,
             span: drive.range_v,
         }])
@@ -216,7 +219,11 @@ impl HysteresisStage {
             output_um: 0.0,
         };
         if stage.two_sided.is_some() {
-            stage.zero_um = stage.rate_independent(model.virgin_drive_v());
+            let zero_v = model.virgin_drive_v();
+            stage.zero_um = stage.rate_independent(zero_v);
+            if let Some(orders) = &mut stage.rate_orders {
+                orders.step(stage.drive.normalised(zero_v), 0.0);
+            }
         }
         stage
     }

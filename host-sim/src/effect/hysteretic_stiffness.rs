@@ -6,6 +6,8 @@
 //! exponential of it.
 
 use super::force_balance::RestingPlace;
+use crate::balance_law::ForceLines;
+use crate::law::deeper;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -77,6 +79,14 @@ fn tends(h: f64, rate: f64, way_um: f64) -> f64 {
     h + way_um * (1.0 - rate * h) * mean_decay(angle)
 }
 
+/// [`tends`] from `h` over `longer`, as [`crate::law`] writes.
+fn tends_in_lines(rate: f64) -> String {
+    format!(
+        "angle = max({rate:e} * longer, -{GROWS_MOST:e})\nmean = 1 - 0.5 * angle\nif abs(angle) > 1e-8\n  mean = -expm1(-angle) / angle\n\
+         tends = h + longer * (1 - {rate:e} * h) * mean\n"
+    )
+}
+
 /// Angle below which eight terms of the series are exact to 3e-14.
 const SHORT: f64 = 0.1;
 
@@ -119,6 +129,57 @@ impl RestoringForce for BoucWenSpring {
         };
         self.share * (steep * held).max(0.0)
     }
+    fn lines(&self) -> ForceLines {
+        let Self {
+            share,
+            beta,
+            gamma,
+            exponent,
+            neutral_um,
+        } = self;
+        let mut after =
+            String::from("side = 1\nif way < 0\n  side = -1\nh = h * side\nlonger = abs(way)\n");
+        if *exponent == 1.0 {
+            let unloads = beta - gamma;
+            let below_zero = format!(
+                "if abs({unloads:e} * h) < 1e-9\n  recovers = -h\nelse\n  recovers = log1p(max({:e} * h, -1)) / {:e}\n",
+                -unloads,
+                // Not taken where it is nothing.
+                if unloads == 0.0 { 1.0 } else { unloads }
+            );
+            after += &format!(
+                "if h < 0\n{}  if tends <= 0\n    h = tends\n    longer = 0\n  else\n{}    h = 0\n    longer = max(longer - recovers, 0)\n",
+                deeper(&tends_in_lines(unloads), 1),
+                deeper(&below_zero, 2),
+            );
+            after += &tends_in_lines(beta + gamma);
+            after += "h = side * tends\n";
+        } else {
+            let steepness = (beta.abs() + gamma.abs()).powf(1.0 / exponent);
+            let rate = |of: &str| {
+                format!(
+                    "turned = {gamma:e} + {beta:e}\nif {of} < 0\n  turned = {gamma:e} - {beta:e}\nbends = 1 - turned * pow(abs({of}), {exponent:e})\n"
+                )
+            };
+            after += &format!(
+                "parts = min(max(ceil(longer * {:e}), 1), {PARTS_MAX:e})\nfor part < parts\n{}  halfway = h + 0.5 * longer / parts * bends\n{}  h = h + longer / parts * bends\nh = side * h\n",
+                steepness / PART,
+                deeper(&rate("h"), 1),
+                deeper(&rate("halfway"), 1),
+            );
+        }
+        after += &format!("kept = h\ngiven = {share:e} * (h - (place - {neutral_um:e}))\n");
+        let steep = (gamma - beta).abs().max(-(beta + gamma)).max(0.0);
+        ForceLines {
+            held: format!("h = memory\nway = place - came\n{after}"),
+            at_rest: format!("h = 0\nway = place - {neutral_um:e}\n{after}"),
+            stiffening: format!(
+                "stiff = stiff + {:e} * pow(abs(memory), {exponent:e})\n",
+                share * steep
+            ),
+            remembers: true,
+        }
+    }
 }
 
 impl Effect for HystereticStiffness {
@@ -138,7 +199,7 @@ impl Effect for HystereticStiffness {
             // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
             planted: Planted::Never,
             comes_with: &[id::VIBRATION],
-            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this.",
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`.",
             ..Declaration::at(Place::Friction)
         }
     }

@@ -4,6 +4,7 @@
 //! The surfaces are those of [`crate::hysteresis_surface`], in V over the share of a span of displacement;
 //! the displacement to a drive, which a model has to give, is found by [`crate::hysteresis_inverse`].
 
+use crate::block::Block;
 use crate::hysteresis_inverse::HysteresisInverse;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
 use crate::physics::*;
@@ -47,6 +48,15 @@ impl Stage for InverseStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         // What the inverse calls the drive is the displacement here.
         self.inverse.step(input - self.lower_limit_v).drive_v
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        let surfaces = self.inverse.model().surfaces();
+        Ok(vec![Block::LoopsSolved {
+            g: surfaces.g.clone(),
+            r: surfaces.r.clone(),
+            lower: self.lower_limit_v,
+            span: self.inverse.range_v(),
+        }])
     }
 }
 

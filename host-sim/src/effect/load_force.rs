@@ -20,8 +20,8 @@ impl Stage for LoadStage<'_> {
             .map_or(0.0, |force_n| self.setting.held(force_n, k));
         input + self.compliance_um_n * force_n
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Force {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Force {
             compliance: self.compliance_um_n,
         }])
     }

@@ -52,7 +52,7 @@ impl Stage for LinesStage {
             .iter_mut()
             .fold(input, |sum, line| sum + line.next_um())
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let line = |line: &Line| {
             [
                 line.rotation.1.atan2(line.rotation.0),
@@ -60,7 +60,7 @@ impl Stage for LinesStage {
                 line.cosine_um,
             ]
         };
-        Some(vec![Block::Lines(self.0.iter().map(line).collect())])
+        Ok(vec![Block::Lines(self.0.iter().map(line).collect())])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.0.iter().fold(input, |sum, line| sum + line.cosine_um)

@@ -50,6 +50,25 @@ impl Within {
         self.mean[0] * from.displacement + self.mean[1] * from.velocity + self.mean[2] * input
     }
 
+    /// [`Self::mean_displacement`] as [`crate::law`] writes.
+    pub(super) fn mean_in_lines(&self, input: &str) -> String {
+        let [place, speed, held] = self.mean;
+        format!("{place:e} * place + {speed:e} * speed + {held:e} * ({input})")
+    }
+
+    /// [`Self::risen`] as [`crate::law`] writes, of what begins with `next_`.
+    pub(super) fn risen_in_lines(&self, by: &str, lags: bool) -> String {
+        let [place, speed, reading] = self.rising;
+        let reading = if lags {
+            format!("next_reading = next_reading + {reading:e} * {by}\n")
+        } else {
+            "next_reading = next_place\n".to_owned()
+        };
+        format!(
+            "next_place = next_place + {place:e} * {by}\nnext_speed = next_speed + {speed:e} * {by}\n{reading}"
+        )
+    }
+
     /// The end of the interval where the input rose by so much on either side of its mean.
     #[inline]
     pub(super) fn risen<const LAGS: bool>(&self, end: Motion, by: f64) -> Motion {
@@ -371,11 +390,62 @@ impl Propagator {
         }
     }
 
+    /// [`Self::after`] as [`crate::law`] writes: from `place`, `speed` and `reading`, and the input where the
+    /// interval starts and ends, to the next ones.
+    pub(super) fn in_lines(&self) -> String {
+        let (phi, start, end) = (self.phi, self.start, self.gamma);
+        let place = in_a_line("next_place", &[phi[0], phi[1], start.gamma[0], end[0]]);
+        let reading = match self.sensor {
+            Some(SensorPropagator { phi, gamma }) => {
+                let [place, speed, reading] = phi;
+                in_a_line(
+                    "next_reading",
+                    &[place, speed, start.sensor_gamma, gamma, reading],
+                )
+            }
+            None => "next_reading = next_place\n".to_owned(),
+        };
+        place + &self.speed_in_lines("next_speed") + &reading
+    }
+
+    /// The velocity alone.
+    pub(super) fn speed_in_lines(&self, to: &str) -> String {
+        let start = self.start.gamma[1];
+        in_a_line(to, &[self.phi[2], self.phi[3], start, self.gamma[1]])
+    }
+
+    /// The angle of the mode in an interval.
+    pub(super) fn angle_rad(&self) -> f64 {
+        self.angle_rad
+    }
+
+    /// [`Self::after_rest`] as [`crate::law`] writes, of so many intervals.
+    pub(super) fn after_rest_in_lines(&self, intervals: &str) -> String {
+        match self.sensor {
+            Some(sensor) => format!(
+                "reading = place + (reading - place) * pow({:e}, {intervals})\n",
+                sensor.phi[2]
+            ),
+            None => "reading = place\n".to_owned(),
+        }
+    }
+
     /// How far the mode would move in one interval at its present speed.
     #[inline]
     pub(super) fn motion_ahead(&self, from: Motion) -> f64 {
         from.velocity * self.angle_rad
     }
+}
+
+/// A sum of what an interval has, in a line.
+fn in_a_line(to: &str, by: &[f64]) -> String {
+    let terms = ["place", "speed", "starts", "ends", "reading"];
+    let products = by
+        .iter()
+        .zip(terms)
+        .map(|(by, term)| format!("{by:e} * {term}"));
+    let terms: Vec<String> = products.collect();
+    format!("{to} = {}\n", terms.join(" + "))
 }
 
 impl VibrationMode {

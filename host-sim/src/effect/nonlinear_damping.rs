@@ -1,6 +1,7 @@
 //! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow,
 //! with none of it as in dry friction.
 
+use crate::balance_law::ForceLines;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -42,6 +43,30 @@ impl RestoringForce for Damper {
             * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0));
         slope * slope
     }
+    fn lines(&self) -> ForceLines {
+        let Self {
+            force_um,
+            exponent,
+            at_um,
+        } = self;
+        let power = 0.5 * (exponent - 1.0);
+        let smooth = |of: &str| {
+            format!(
+                "fast = {of} / {at_um:e}\ntimes = pow(fast * fast + {:e}, {power:e})\n",
+                SMOOTHED * SMOOTHED
+            )
+        };
+        ForceLines {
+            held: format!("{}given = {force_um:e} * fast * times\n", smooth("SPEED")),
+            at_rest: "given = 0\n".into(),
+            stiffening: format!(
+                "{}stiff = stiff + pow({:e} * times, 2)\n",
+                smooth("SWING"),
+                force_um.abs() / at_um
+            ),
+            remembers: false,
+        }
+    }
 }
 
 impl Effect for NonlinearDamping {
@@ -62,7 +87,7 @@ impl Effect for NonlinearDamping {
             // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
             planted: Planted::Never,
             comes_with: &[id::VIBRATION],
-            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this.",
+            equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`.",
             ..Declaration::at(Place::Friction)
         }
     }

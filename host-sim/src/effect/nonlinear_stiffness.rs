@@ -4,6 +4,7 @@
 //! gives way holds no less than the load at which it does: beyond, its force stays what it is there.
 
 use super::force_balance::RestingPlace;
+use crate::balance_law::ForceLines;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -102,6 +103,32 @@ impl RestoringForce for Spring {
             .max(at(-swing_um - self.neutral_um))
             .max(0.0)
     }
+    fn lines(&self) -> ForceLines {
+        let [second, third, fifth] = self.powers;
+        let neutral = self.neutral_um;
+        // No language has the same word for what is endless.
+        let [low, high] = [self.low_um, self.high_um].map(|um| um.clamp(-1e300, 1e300));
+        let inside =
+            format!("inside = min(max(away, {low:e}), {high:e})\nsquared = inside * inside\n");
+        let held = format!(
+            "away = place - {neutral:e}\n{inside}given = squared * ({second:e} + inside * ({third:e} + {fifth:e} * squared)) - (away - inside)\n"
+        );
+        let slope = |side: &str, to: &str| {
+            format!(
+                "away = {side}SWING - {neutral:e}\n{inside}{to} = 2 * {second:e} * inside + 3 * {third:e} * squared + 5 * {fifth:e} * squared * squared\n"
+            )
+        };
+        ForceLines {
+            at_rest: held.clone(),
+            held,
+            stiffening: format!(
+                "{}{}stiff = stiff + max(max(ahead, behind), 0)\n",
+                slope("", "ahead"),
+                slope("-", "behind")
+            ),
+            remembers: false,
+        }
+    }
 }
 
 impl Effect for NonlinearStiffness {
@@ -126,7 +153,7 @@ impl Effect for NonlinearStiffness {
             comes_with: &[id::VIBRATION],
             equations: r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
 `d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
-interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this.",
+interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials).",
             ..Declaration::at(Place::Friction)
         }
     }

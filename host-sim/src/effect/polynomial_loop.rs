@@ -1,6 +1,7 @@
 //! The major loop as two polynomials, one for a rising and one for a falling drive: no memory, so no minor
 //! loops.
 
+use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -46,6 +47,14 @@ impl Stage for PolynomialStage {
         // Half of the opening vanishes at both ends, where the branches meet.
         let half = x * (1.0 - x) * polynomial(&self.opening_um);
         x * polynomial(&self.middle_um) + if self.rising { -half } else { half }
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Branches {
+            middle: self.middle_um.to_vec(),
+            opening: self.opening_um.to_vec(),
+            lower: self.range.lower_v,
+            span: self.range.span_v,
+        }])
     }
 }
 

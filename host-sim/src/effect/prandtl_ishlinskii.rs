@@ -53,9 +53,9 @@ impl Stage for PlayStage {
             .iter()
             .fold(sum, |output, each| output + zone(each))
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let zone = |&(threshold, weight): &(f64, f64)| Play { threshold, weight };
-        Some(vec![Block::Plays {
+        Ok(vec![Block::Plays {
             plays: self.operators.plays(),
             zones: self.dead_zones.iter().map(zone).collect(),
             lower: self.range.lower_v,

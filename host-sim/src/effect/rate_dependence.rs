@@ -5,6 +5,7 @@
 //! `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of 10^4 V/s. The
 //! rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
+use super::rate_dependent_surfaces::RateOrders;
 use crate::block::Rate;
 use crate::physics::*;
 
@@ -18,7 +19,7 @@ pub struct RateDependence;
 const UNIT_RATE_V_S: f64 = 1e4;
 
 /// How the rate acts on the output of the rate-independent operator.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct RateLaw {
     loop_linear: f64,
     loop_quadratic: f64,
@@ -37,8 +38,8 @@ impl RateLaw {
         })
     }
 
-    /// The law over intervals of this length, so many in a sampling period.
-    pub(super) fn as_block(&self, dt_s: f64, substeps: usize) -> Rate {
+    /// The law over intervals of this length, so many in a sampling period, beside the powers of the rate.
+    pub(super) fn as_block(&self, dt_s: f64, substeps: usize, orders: Option<&RateOrders>) -> Rate {
         let Self {
             loop_linear,
             loop_quadratic,
@@ -50,6 +51,8 @@ impl RateLaw {
             curve_linear,
             dt_s,
             substeps,
+            orders: orders.map_or_else(Vec::new, RateOrders::surfaces),
+            orders_at: orders.map_or(1.0, |orders| orders.reference_rate_v_s() / UNIT_RATE_V_S),
         }
     }
 

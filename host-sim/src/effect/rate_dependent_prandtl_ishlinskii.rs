@@ -2,6 +2,7 @@
 //! drive.
 
 use super::play_operators::PlayOperators;
+use crate::block::Block;
 use crate::physics::*;
 
 /// Identifier in files and on the command line.
@@ -42,6 +43,15 @@ impl Stage for RatePlayStage {
     fn settle(&mut self, input: f64) -> f64 {
         self.last_v = input;
         self.step(0, input)
+    }
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::RatedPlays {
+            plays: self.operators.plays(),
+            by_rate: self.by_rate.clone(),
+            period_s: self.period_s,
+            lower: self.range.lower_v,
+            span: self.range.span_v,
+        }])
     }
 }
 

@@ -59,6 +59,17 @@ impl RateOrders {
         })
     }
 
+    /// The surfaces of each power.
+    pub(super) fn surfaces(&self) -> Vec<Surfaces> {
+        let of = |operator: &OneSidedHysteresis| operator.surfaces().clone();
+        self.operators.iter().map(of).collect()
+    }
+
+    /// The rate at which the powers are one, V/s.
+    pub(super) fn reference_rate_v_s(&self) -> f64 {
+        self.reference_rate_v_s
+    }
+
     /// The next input, in units of the drive range above the lower limit, at a rate; what the powers add, um.
     pub(super) fn step(&mut self, x: f64, rate_v_s: f64) -> f64 {
         let rate = rate_v_s / self.reference_rate_v_s;

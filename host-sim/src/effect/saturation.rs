@@ -18,8 +18,8 @@ impl Stage for SaturationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         input.min(self.upper_v).max(self.lower_v)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Clamp {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Clamp {
             lower: self.lower_v,
             upper: self.upper_v,
         }])

@@ -59,13 +59,13 @@ impl Stage for SensorLag {
         self.before = input;
         self.reading
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let Interval {
             left,
             by_start,
             by_end,
         } = self.interval;
-        Some(vec![Block::Linear(Linear::reading_states(
+        Ok(vec![Block::Linear(Linear::reading_states(
             vec![vec![left]],
             vec![by_start],
             vec![by_end],

@@ -109,14 +109,14 @@ impl Stage for FilterStage {
         self.before = input;
         self.state[0]
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let Interval {
             phi,
             at_start,
             at_end,
         } = self.interval;
         let phi = vec![phi[..2].to_vec(), phi[2..].to_vec()];
-        Some(vec![Block::Linear(Linear::reading_states(
+        Ok(vec![Block::Linear(Linear::reading_states(
             phi,
             at_start.to_vec(),
             at_end.to_vec(),

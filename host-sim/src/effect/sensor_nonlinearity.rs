@@ -15,8 +15,8 @@ impl Stage for PolynomialStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         input * (1.0 + input * (self.quadratic + input * self.cubic))
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Bend {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Bend {
             quadratic: self.quadratic,
             cubic: self.cubic,
         }])

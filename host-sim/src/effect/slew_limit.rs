@@ -40,8 +40,8 @@ impl Stage for SlewStage {
             0.5 * (start + self.voltage_v)
         }
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Slope {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Slope {
             most: self.step_max_v,
             gives_mean: self.gives_mean,
         }])

@@ -27,8 +27,8 @@ impl Stage for DriftStage {
         };
         input + self.rate_um_per_interval * at_full_rate
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        Some(vec![Block::Drift {
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Ok(vec![Block::Drift {
             rate: self.rate_um_per_interval,
             slowing: self.slowing_per_interval,
         }])

@@ -13,6 +13,7 @@
 //! where `R+` and `R-` are what stays of the first way up and of the first way down. The hysteresis stage
 //! adds it.
 
+use crate::block::TwoFirstWays;
 use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
 use crate::physics::*;
 
@@ -81,6 +82,17 @@ impl TwoSidedMemory {
         let down = (self.zero - self.lowest) / self.zero.max(1e-12);
         self.virgin_share * virgin_um + horner(&self.stays_um[0], up)
             - horner(&self.stays_um[1], down)
+    }
+
+    /// Beside loops that give `zero_um` at 0 V.
+    pub(super) fn as_block(&self, zero_um: f64) -> TwoFirstWays {
+        let virgin_um = self.virgin_um(self.zero, self.zero) - self.surfaces.loop_loss(1.0, 0.0);
+        TwoFirstWays {
+            virgin_share: self.virgin_share,
+            zero: self.zero,
+            zero_um: zero_um + self.virgin_share * virgin_um,
+            stays_um: self.stays_um.clone(),
+        }
     }
 
     /// The highest input so far, or the lowest.

@@ -161,26 +161,35 @@ impl Stage for VibrationStage {
         let held = matches!(self.first, Some(First::Held(_)));
         (held && self.late.is_empty()).then_some(self)
     }
-    fn blocks(&self) -> Option<Vec<Block>> {
-        let first = match &self.first {
-            Some(First::Free(mode)) => Some(mode.as_linear()),
-            Some(First::Held(_) | First::Balanced(_)) => return None,
-            None => None,
-        };
-        let second = self
-            .second
-            .as_ref()
-            .map(|(share, mode)| (*share, mode.as_linear()));
-        let share = second.as_ref().map_or(0.0, |(share, _)| *share);
-        let mut parts: Vec<(f64, &Linear)> =
-            first.iter().map(|first| (1.0 - share, first)).collect();
-        parts.extend(second.iter().map(|(share, second)| (*share, second)));
-        let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
         let late = (!self.late.is_empty()).then_some(Block::Delay {
             whole: self.late.len(),
             late_share: 0.0,
         });
-        Some(late.into_iter().chain([Block::Linear(modes)]).collect())
+        let second = self.second.as_ref();
+        let second = second.map(|(share, mode)| (*share, mode.as_linear()));
+        let share = second.as_ref().map_or(0.0, |(share, _)| *share);
+        let law = match &self.first {
+            Some(First::Held(held)) => Some(held.law()),
+            Some(First::Balanced(balanced)) => Some(balanced.law()),
+            Some(First::Free(_)) | None => None,
+        };
+        if let Some(law) = law {
+            let law = match &second {
+                Some((share, second)) => law.beside(*share, second),
+                None => law,
+            };
+            return Ok(late.into_iter().chain([Block::Mass(law)]).collect());
+        }
+        let first = match &self.first {
+            Some(First::Free(mode)) => Some(mode.as_linear()),
+            _ => None,
+        };
+        let mut parts: Vec<(f64, &Linear)> =
+            first.iter().map(|first| (1.0 - share, first)).collect();
+        parts.extend(second.iter().map(|(share, second)| (*share, second)));
+        let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
+        Ok(late.into_iter().chain([Block::Linear(modes)]).collect())
     }
     fn settle(&mut self, input: f64) -> f64 {
         let mut rest = input;

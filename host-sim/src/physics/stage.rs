@@ -1,6 +1,7 @@
 //! What walks along a signal.
 
 use super::recording::Signals;
+use crate::balance_law::ForceLines;
 use crate::block::Block;
 
 /// What a stage knows of the record on which it runs.
@@ -62,9 +63,12 @@ pub trait Stage: Send {
         }
     }
 
-    /// What it computes, as numbers, for exports; `None` where no block does that.
-    fn blocks(&self) -> Option<Vec<Block>> {
-        None
+    /// What it computes, as numbers, for exports.
+    ///
+    /// # Errors
+    /// Why no block does that.
+    fn blocks(&self) -> Result<Vec<Block>, &'static str> {
+        Err("no block of an export computes it")
     }
 
     /// The costly part of the stage, where another may share it.
@@ -207,6 +211,9 @@ pub trait RestoringForce: Send {
     /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so
     /// much, in units of the spring's own stiffness.
     fn stiffening(&self, memory: f64, swing_um: f64) -> f64;
+
+    /// What it does, for exports.
+    fn lines(&self) -> ForceLines;
 }
 
 /// The drive of a model in units of its range, from its lower limit on.

@@ -167,6 +167,9 @@ enum BoardCommand {
         /// The sector
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// Replace a file that exists
+        #[arg(long)]
+        force: bool,
     },
     /// Say what a safety envelope allows, and bring it to the board where its checksum is named
     Envelope {
@@ -408,9 +411,12 @@ fn obey(command: BoardCommand) -> Result<bool> {
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
         BoardCommand::Update { image, code, line } => update::update(&image, &code, &line),
         BoardCommand::Sign { image, key } => update::sign(&image, &key),
-        BoardCommand::BootSector { stage, key, out } => {
-            update::write_boot_sector(&stage, &key, &out)
-        }
+        BoardCommand::BootSector {
+            stage,
+            key,
+            out,
+            force,
+        } => update::write_boot_sector(&stage, &key, &out, force),
         BoardCommand::Envelope {
             file,
             checksum,

@@ -330,6 +330,22 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_that_vanishes_before_the_write_is_an_error_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("results/page.html");
+        let desk = Desk::new(false);
+        desk.make_folder(&folder.path().join("results")).unwrap();
+        desk.target(Some(&target)).unwrap();
+        std::fs::remove_dir(folder.path().join("results")).unwrap();
+        let said = desk.write(&target, b"page").unwrap_err().to_string();
+        assert!(
+            said.contains("page.html") && said.contains("cannot be written"),
+            "{said}"
+        );
+        assert!(!folder.path().join("results").exists());
+    }
+
+    #[test]
     fn what_exists_needs_force_and_two_targets_are_two_files() {
         let folder = tempfile::tempdir().unwrap();
         let (old, new) = (folder.path().join("old"), folder.path().join("new"));

@@ -522,3 +522,45 @@ fn what_a_first_file_does_not_say_can_be_said_in_the_page() {
     server.end();
     thread.join().expect("the server ends");
 }
+
+#[test]
+fn no_name_in_a_dropped_file_is_run() {
+    let server = Arc::new(Server::bind(None).expect("a port"));
+    let serving = Arc::clone(&server);
+    let thread = std::thread::spawn(move || serving.serve());
+    let Some((mut page, out)) = opened_at(&server.address()) else {
+        return;
+    };
+    state(&mut page, "empty");
+    let hostile = "<img src=x onerror=document.documentElement.dataset.ran=1>";
+    let drive_v = |k: f64| 30.0 - 30.0 * (0.03 * k).cos() * (0.5 + 0.5 * (0.0013 * k).cos());
+    let rows = (0..4000).map(f64::from).map(|k| {
+        let (u, y) = (drive_v(k), 0.1 * drive_v(k - 2.0));
+        format!("{:.4},{u:.5},{y:.5},{k}\n", 1e-3 * k)
+    });
+    let rows: String = rows.collect();
+    let file = out.path().join(format!("{hostile}.csv"));
+    // Refused first, with the name of its file.
+    std::fs::write(
+        &file,
+        format!("t [s],u [V],y{hostile} [V]\n{rows}").replace(",3\n", "\n"),
+    )
+    .expect("the folder can be written");
+    page.drop_files(std::slice::from_ref(&file));
+    page.wait_for(&format!(
+        "!document.querySelector('#message').hidden && {LEFT_ALONE}"
+    ));
+    let head = format!("t [s],u [V],y{hostile} [um],note{hostile} [{hostile}]");
+    std::fs::write(&file, format!("{head}\n{rows}")).expect("the folder can be written");
+    page.drop_files(&[file]);
+    state(&mut page, "loaded");
+    assert_eq!(
+        page.value("document.documentElement.dataset.ran ?? 'text'"),
+        "text"
+    );
+    let shown = page.value("document.body.textContent.includes('onerror=document')");
+    assert_eq!(shown, true, "the names are shown as text");
+    assert!(page.failures.is_empty(), "{:?}", page.failures);
+    server.end();
+    thread.join().expect("the server ends");
+}

@@ -392,6 +392,77 @@ fn a_reader_can_zoom_read_and_step_through_the_models() {
     assert!(root.contains("nm\""), "the value under the pointer: {root}");
 }
 
+/// Runs where a page takes it for more than text.
+const HOSTILE: &str = r#""'><img src="x" onerror="document.documentElement.dataset.ran = 1"><script>document.documentElement.dataset.ran = 1</script>"#;
+
+#[test]
+fn no_name_or_sentence_of_a_report_is_run() {
+    let Some(browser) = browser() else {
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "CI needs chromium to look at pages"
+        );
+        hysteron_tests::skipped("no chromium to look at the page with");
+        return;
+    };
+    let mut report = demonstration();
+    let named = |text: &mut String| text.push_str(HOSTILE);
+    for text in [
+        &mut report.data_set,
+        &mut report.sentence,
+        &mut report.replays[0],
+        &mut report.warnings[0],
+        &mut report.command,
+        &mut report.program_version,
+        &mut report.named[0],
+    ] {
+        named(text);
+    }
+    report.values[0].iter_mut().for_each(named);
+    report.records.iter_mut().for_each(|r| named(&mut r.name));
+    for step in &mut report.steps {
+        named(&mut step.why);
+        step.added.iter_mut().for_each(named);
+    }
+    for candidate in &mut report.candidates {
+        named(&mut candidate.effect);
+        named(&mut candidate.why);
+        named(&mut candidate.next_experiment);
+    }
+    for evidence in &mut report.evidence {
+        named(&mut evidence.effect);
+        named(&mut evidence.caption);
+    }
+    for parameter in &mut report.parameters {
+        for text in [
+            &mut parameter.effect,
+            &mut parameter.name,
+            &mut parameter.unit,
+            &mut parameter.note,
+        ] {
+            named(text);
+        }
+    }
+    if let Some(floor) = &mut report.noise_floor {
+        named(&mut floor.basis);
+        named(&mut floor.estimates[0].0);
+    }
+    if let Some(experiment) = &mut report.next_experiment {
+        named(&mut experiment.why);
+    }
+    let html = explain_page(&report).to_html();
+    let ran = |html: &str, name: &str| {
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::write(&file, html).expect("the folder for test files can be written");
+        let document = document(&browser, &file, "#record=7&step=1");
+        assert!(!document.contains("data-script-error="), "a script failed");
+        document.contains("data-ran=")
+    };
+    assert!(!ran(&html, "hostile.html"));
+    let unescaped = html.replace("</body>", &format!("{HOSTILE}</body>"));
+    assert!(ran(&unescaped, "unescaped.html"), "the text would run");
+}
+
 #[test]
 fn a_report_with_little_or_odd_data_is_still_a_page() {
     assert!(

@@ -42,9 +42,9 @@ fn firmware(image: &Path) -> Result<FirmwareImage> {
         .map_err(|what| wrong(image, format!("{what}; expected {EXPECTED}")))
 }
 
-fn key(file: &Path) -> Result<UpdateKey> {
+fn key(desk: &Desk, file: &Path) -> Result<UpdateKey> {
     const EXPECTED: &str = "32 hexadecimal digits, as `openssl rand -hex 16` makes them";
-    let bytes = Desk::new(false).bytes(file, EXPECTED)?;
+    let bytes = desk.bytes(file, EXPECTED)?;
     let key = std::str::from_utf8(&bytes).ok().and_then(key_bytes);
     key.map(UpdateKey::new)
         .ok_or_else(|| wrong(file, format!("is no key: expected {EXPECTED}")))
@@ -52,18 +52,20 @@ fn key(file: &Path) -> Result<UpdateKey> {
 
 /// Prints the authentication code of an image.
 pub fn sign(image: &Path, key_file: &Path) -> Result<bool> {
-    let code = firmware(image)?.signed(&key(key_file)?);
+    let code = firmware(image)?.signed(&key(&Desk::new(false), key_file)?);
     println!("{:032x}", u128::from_be_bytes(code));
     Ok(true)
 }
 
 /// Writes the boot stage's sector with a key.
-pub fn write_boot_sector(stage: &Path, key_file: &Path, out: &Path) -> Result<bool> {
+pub fn write_boot_sector(stage: &Path, key_file: &Path, out: &Path, force: bool) -> Result<bool> {
     const EXPECTED: &str = "the boot stage that `cargo xtask firmware` builds";
-    let bytes = Desk::new(false).bytes(stage, EXPECTED)?;
-    let sector = boot_sector(&bytes, &key(key_file)?)
+    let desk = Desk::new(force);
+    let (bytes, key) = (desk.bytes(stage, EXPECTED)?, key(&desk, key_file)?);
+    desk.target(Some(out))?;
+    let sector = boot_sector(&bytes, &key)
         .map_err(|what| wrong(stage, format!("{what}; expected {EXPECTED}")))?;
-    std::fs::write(out, sector).map_err(|error| wrong(out, error.to_string()))?;
+    desk.write(out, &sector)?;
     println!(
         "{}: next: probe-rs download --chip STM32H743ZITx --binary-format bin --base-address 0x08000000 {0}",
         out.display()

@@ -479,6 +479,32 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
 }
 
 #[test]
+fn a_boot_sector_is_never_written_over_its_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = folder.path().join("update.key");
+    let digits = "0123456789abcdef0123456789abcdef";
+    std::fs::write(&key, digits).unwrap();
+    std::fs::write(folder.path().join("stage"), "no ELF file").unwrap();
+    for (out, expected) in [
+        ("update.key", "is not written over"),
+        ("missing/boot.bin", "does not exist"),
+        ("boot.bin", "is no 32-bit ELF file"),
+    ] {
+        let arguments = [
+            "board",
+            "boot-sector",
+            "stage",
+            "--key",
+            "update.key",
+            "--force",
+            "--out",
+        ];
+        says(&[&arguments[..], &[out]].concat(), folder.path(), expected);
+    }
+    assert_eq!(std::fs::read_to_string(&key).unwrap(), digits);
+}
+
+#[test]
 fn a_board_that_is_not_there_or_not_told_enough() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a.csv"), good_rows(10)).unwrap();

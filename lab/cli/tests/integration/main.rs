@@ -18,3 +18,5 @@ mod starts;
 mod stepping;
 mod stopping;
 mod surveys;
+#[cfg(target_os = "linux")]
+mod under_limits;

@@ -140,6 +140,9 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
     for (target, expected) in [
         ("missing/m2.toml", "does not exist"),
         ("folder", "is a folder"),
+        // Nobody may write there, not even root.
+        #[cfg(target_os = "linux")]
+        ("/proc/m2.toml", "cannot be written"),
     ] {
         for option in ["--out", "--json", "--report"] {
             let output = hysteron(

@@ -107,14 +107,15 @@ pub(super) fn text(exported: &Exported) -> String {
     let _ = write!(
         out,
         " *\n * {name}_begin begins as the records of the model, by the first drive, and gives the reading at the first sample; {name}_init puts it at rest at a drive\n \
-         * ({name}_DRIVE_MIN_V is the virgin state). {name}_step takes the drive {takes} and gives the reading at the next sample. No memory is allocated.\n */\n#include <math.h>\n\n"
+         * ({name}_VIRGIN_V is the virgin state). {name}_step takes the drive {takes} and gives the reading at the next sample. No memory is allocated.\n */\n#include <math.h>\n\n"
     );
     let _ = writeln!(
         out,
-        "#define {name}_SAMPLE_RATE_HZ {}\n#define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}",
+        "#define {name}_SAMPLE_RATE_HZ {}\n#define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}\n#define {name}_VIRGIN_V {}",
         number(1.0 / chain.dt_s),
         number(chain.drive_min_v),
-        number(chain.drive_max_v)
+        number(chain.drive_max_v),
+        number(chain.virgin_v)
     );
     if adds {
         let motions = exported.motions();
@@ -161,7 +162,7 @@ pub(super) fn text(exported: &Exported) -> String {
     let rest = if exported.begins_settled() {
         "drive_v".into()
     } else {
-        format!("{name}_DRIVE_MIN_V")
+        format!("{name}_VIRGIN_V")
     };
     let passed = if force.is_empty() { "" } else { ", force_n" };
     let _ = write!(

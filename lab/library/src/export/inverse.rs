@@ -42,7 +42,7 @@ pub fn inverse(
         ));
     }
     let chain = BlockChain::of(&loops, 1.0 / sample_rate_hz, Intersample::Hold)
-        .map_err(|effect| super::cannot(model, &effect))?;
+        .map_err(|refused| super::cannot(&refused))?;
     if chain.blocks.iter().any(|placed| placed.fine) {
         return Err(refused(
             "the loops go in parts of a sample; expected a higher --rate-hz",
@@ -62,7 +62,10 @@ pub fn inverse(
             "Wanted displacement in um, {sample_rate_hz} samples per second; drive in V from {} to {}, its limit where no drive reaches.",
             chain.drive_min_v, chain.drive_max_v
         ),
-        "Begins virgin at the lower limit. Modes and sensor of the model are left out.".into(),
+        format!(
+            "Begins virgin at {} V. Modes and sensor of the model are left out.",
+            chain.virgin_v
+        ),
     ];
     said.extend(fitted(model));
     said.push(String::new());
@@ -84,9 +87,10 @@ fn in_c(chain: &BlockChain, laws: &[Law], said: &[String], name: &str) -> String
     let _ = write!(
         out,
         " *\n * {name}_init begins; {name}_step takes the wanted displacement and gives the drive. No memory is allocated.\n */\n#include <math.h>\n\n\
-         #define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}\n\ntypedef struct {{\n    double drive;\n{}}} {name}_state;\n",
+         #define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}\n#define {name}_VIRGIN_V {}\n\ntypedef struct {{\n    double drive;\n{}}} {name}_state;\n",
         number(chain.drive_min_v),
         number(chain.drive_max_v),
+        number(chain.virgin_v),
         c::fields(laws)
     );
     for (i, law) in laws.iter().enumerate() {
@@ -99,7 +103,7 @@ fn in_c(chain: &BlockChain, laws: &[Law], said: &[String], name: &str) -> String
         out,
         "\nstatic double h_loops({name}_state *m, double x)\n{{\n{steps}    return x;\n}}\n\n\
          static double h_tried(const {name}_state *m, double drive_v)\n{{\n    {name}_state trial = *m;\n    return h_loops(&trial, drive_v);\n}}\n\n\
-         void {name}_init({name}_state *m)\n{{\n    double x = {name}_DRIVE_MIN_V;\n    m->drive = x;\n{begins}}}\n\n\
+         void {name}_init({name}_state *m)\n{{\n    double x = {name}_VIRGIN_V;\n    m->drive = x;\n{begins}}}\n\n\
          double {name}_step({name}_state *m, double wanted_um)\n{{\n    double low = {name}_DRIVE_MIN_V, high = {name}_DRIVE_MAX_V;\n    \
          int rises = h_tried(m, high) >= h_tried(m, low);\n    for (int i = 0; i < {HALVINGS}; i++) {{\n        double middle = 0.5 * (low + high);\n        \
          if ((h_tried(m, middle) < wanted_um) == rises) low = middle; else high = middle;\n    }}\n    \
@@ -157,7 +161,8 @@ fn in_matlab(chain: &BlockChain, laws: &[Law], said: &[String], name: &str) -> S
     }
     let _ = write!(
         out,
-        "\nfunction s = h_begin()\n  s = struct();\n  x = {low};\n{begins}end\n\nfunction [x, s] = h_loops(s, x)\n{steps}end\n{functions}"
+        "\nfunction s = h_begin()\n  s = struct();\n  x = {};\n{begins}end\n\nfunction [x, s] = h_loops(s, x)\n{steps}end\n{functions}",
+        number(chain.virgin_v)
     );
     out
 }

@@ -4,6 +4,13 @@
 use super::number;
 use hysteron_sim::law::{Law, LawNumber};
 
+/// Functions that all languages have by the same name, C and Python in their libraries of mathematics.
+const FUNCTIONS: [&str; 24] = [
+    "exp", "expm1", "log", "log2", "log10", "sqrt", "pow", "hypot", "sin", "cos", "tan", "asin",
+    "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "ceil", "floor",
+    "log1p",
+];
+
 /// How a language writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Dialect {
@@ -16,13 +23,11 @@ impl Dialect {
     /// What the language calls a function or a word; names of the law's own go through `own`.
     fn word(self, name: &str, own: &dyn Fn(&str) -> String) -> String {
         match (self, name) {
-            (Self::Python, "exp" | "expm1" | "log" | "cos" | "sin" | "ceil") => {
-                format!("math.{name}")
-            }
+            (Self::Python, _) if FUNCTIONS.contains(&name) => format!("math.{name}"),
             (Self::C, "min" | "max" | "abs") => format!("f{name}"),
-            (_, "min" | "max" | "abs" | "exp" | "expm1" | "log" | "cos" | "sin" | "ceil") => {
-                name.to_owned()
-            }
+            (Self::Matlab, "pow") => "power".to_owned(),
+            (_, "min" | "max" | "abs") => name.to_owned(),
+            _ if FUNCTIONS.contains(&name) => name.to_owned(),
             _ => own(name),
         }
     }

@@ -31,7 +31,7 @@ pub(super) fn text(exported: &Exported) -> String {
     let _ = writeln!(
         out,
         "  % {name}  Reading (um) at every sample of a drive (V).\n  %   y_um = {name}(drive_v{force}) begins as the records of the model.\n  %   y_um = {name}(drive_v{force}, false) simulates a virgin actuator, at rest at {} V before the first sample.\n  %   y_um = {name}(drive_v{force}, true) begins at rest at the first drive.\n  %",
-        chain.drive_min_v
+        chain.virgin_v
     );
     for line in head(exported) {
         let _ = writeln!(out, "  % {line}");
@@ -46,7 +46,7 @@ pub(super) fn text(exported: &Exported) -> String {
         } else {
             ""
         },
-        number(chain.drive_min_v)
+        number(chain.virgin_v)
     );
     let runs_on = chain.intersample != Intersample::Hold;
     if runs_on {

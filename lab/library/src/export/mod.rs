@@ -18,7 +18,7 @@ use crate::dataset::timing::Timing;
 use crate::engineering::{four, with_deviation};
 use crate::error::{Error, Result};
 use crate::origin::{Initial, Way};
-use hysteron_sim::block::BlockChain;
+use hysteron_sim::block::{BlockChain, NoBlocks};
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
@@ -130,7 +130,7 @@ pub fn export_from(
         (_, intersample) => intersample,
     };
     let chain = BlockChain::of(model, 1.0 / sample_rate_hz, intersample)
-        .map_err(|effect| cannot(model, &effect))?;
+        .map_err(|refused| cannot(&refused))?;
     let (start, near_v) = initial.to_carry(model);
     let exported = Exported {
         chain: &chain,
@@ -181,18 +181,11 @@ impl Exported<'_> {
 }
 
 /// Why an effect is not exported.
-fn cannot(model: &Model, effect: &str) -> Error {
-    let own = model
-        .effect(effect)
-        .is_some_and(|e| e.effect.declaration().definition.is_some());
-    let why = if own {
-        "is an effect of your own; write its expression into the exported file where it stands in the chain"
-    } else if effect == hysteron_sim::effect::vibration::ID {
-        "moves a mass against friction or other forces in its balance, which takes a variable step; expected a model without them"
-    } else {
-        "has no export; expected a model without it"
-    };
-    Error::new("export", format!("{effect} {why}"))
+fn cannot(NoBlocks { effect, why }: &NoBlocks) -> Error {
+    Error::new(
+        "export",
+        format!("{effect} is not exported: {why}; expected a model without it"),
+    )
 }
 
 /// Words that MATLAB, Python or C keep for themselves, and the names that the exported texts use.

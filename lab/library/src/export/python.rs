@@ -32,10 +32,11 @@ pub(super) fn text(exported: &Exported) -> String {
     // Writing to a text cannot fail.
     let _ = writeln!(
         out,
-        "SAMPLE_RATE_HZ = {}\nDRIVE_MIN_V = {}\nDRIVE_MAX_V = {}",
+        "SAMPLE_RATE_HZ = {}\nDRIVE_MIN_V = {}\nDRIVE_MAX_V = {}\nVIRGIN_V = {}",
         number(1.0 / chain.dt_s),
         number(chain.drive_min_v),
-        number(chain.drive_max_v)
+        number(chain.drive_max_v),
+        number(chain.virgin_v)
     );
     if exported.adds() {
         let _ = writeln!(
@@ -59,7 +60,7 @@ pub(super) fn text(exported: &Exported) -> String {
     };
     let _ = write!(
         out,
-        "\n\ndef {name}(drive_v, {force}settled=None):\n    \"\"\"Reading (um) at every sample of a drive (V){force_doc}.\n\n    A virgin actuator rests at DRIVE_MIN_V before the \
+        "\n\ndef {name}(drive_v, {force}settled=None):\n    \"\"\"Reading (um) at every sample of a drive (V){force_doc}.\n\n    A virgin actuator rests at VIRGIN_V before the \
          first sample, a settled one at the first drive; it begins as the records of the model where nothing is said.\n    \"\"\"\n    drive = np.array(drive_v, dtype=float)\n"
     );
     if exported.shifted {
@@ -72,7 +73,7 @@ pub(super) fn text(exported: &Exported) -> String {
     };
     let _ = writeln!(
         out,
-        "    samples, first_v = len(drive), float(drive[0])\n    rest = first_v if {settled} else DRIVE_MIN_V"
+        "    samples, first_v = len(drive), float(drive[0])\n    rest = first_v if {settled} else VIRGIN_V"
     );
     if runs_on {
         let between = chain.intersample.between(chain.substeps);

@@ -78,7 +78,7 @@ fn matrices(model: &Model, sample_rate_hz: f64) -> Result<Value> {
     let (linear, left_out) = linear_part(model, loops.gain_um_v);
     let of = |linear: &Model| -> Result<(Value, Value)> {
         let chain = BlockChain::of(linear, 1.0 / sample_rate_hz, Intersample::Hold)
-            .map_err(|effect| super::cannot(linear, &effect))?;
+            .map_err(|refused| super::cannot(&refused))?;
         Ok((sampled(&chain), written(&continuous(linear))))
     };
     let (discrete, in_time) = of(&linear)?;

@@ -299,6 +299,50 @@ const EXTENSIONS: [&str; 11] = [
     "csv", "feather", "npy", "npz", "mat", "h5", "tdms", "parquet", "xlsx", "wav", "lvm",
 ];
 
+/// Every place of every binary file as a count of billions, in the three ways in which formats write one. The
+/// process may have little memory: a reader that reserves what a header claims is aborted.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_claimed_count_takes_no_memory() {
+    const INSIDE: &str = "HYSTERON_LITTLE_MEMORY";
+    if std::env::var_os(INSIDE).is_none() {
+        let output = std::process::Command::new("sh")
+            .args(["-c", "ulimit -v 600000; exec \"$0\" \"$@\""])
+            .arg(std::env::current_exe().unwrap())
+            .args(["--exact", "formats::a_claimed_count_takes_no_memory"])
+            .args(["--nocapture", "--test-threads", "1"])
+            .env(INSIDE, "1")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        return;
+    }
+    const COUNTS: [&[u8]; 3] = [
+        &[0xff, 0xff, 0xff, 0x7f],
+        &[0x7f, 0xff, 0xff, 0xff],
+        &[0xfe, 0xff, 0xff, 0xff, 0x0f],
+    ];
+    // Heads and directories; what lies between are numbers.
+    const NEAR_AN_END: usize = 700;
+    for (file, whole) in all() {
+        if file.file.ends_with(".csv") || file.file.ends_with(".txt") {
+            continue;
+        }
+        let last = whole.len() - 5;
+        let places = (0..=last).filter(|at| *at < NEAR_AN_END || last - at < NEAR_AN_END);
+        for at in places {
+            for count in COUNTS {
+                let mut content = whole.clone();
+                content[at..at + count.len()].copy_from_slice(count);
+                // Printed before, so that the last line of an abort names its place.
+                eprintln!("{}, byte {at}: {count:x?}", file.file);
+                let _ = read(file, &content);
+            }
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 

@@ -5,6 +5,7 @@
 
 use super::bytes::{Bytes, FileKind};
 use super::named_arrays::Tree;
+use super::packed::Room;
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
 use std::io::Read;
@@ -12,8 +13,6 @@ use std::io::Read;
 const HEADER: usize = 128;
 /// Deepest nesting of structs and cells.
 const DEPTH_MAX: usize = 24;
-/// Most bytes that one compressed variable may have.
-const INFLATED_MAX: u64 = 1 << 31;
 
 const MI_MATRIX: u32 = 14;
 const MI_COMPRESSED: u32 = 15;
@@ -39,7 +38,7 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
     };
     let mut file = Bytes::new(place, bytes, big_endian);
     file.take(HEADER, "the header")?;
-    let mut variables = Vec::new();
+    let (mut variables, mut room) = (Vec::new(), Room::of_file(bytes.len()));
     while file.left() > 0 {
         let at = file.at();
         let (kind, data) = element(&mut file)?;
@@ -55,10 +54,11 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
                     )
                 };
                 flate2::read::ZlibDecoder::new(data)
-                    .take(INFLATED_MAX)
+                    .take(room.limit())
                     .read_to_end(&mut inflated)
                     .map_err(broken)?;
                 let inside = format!("{place}: the compressed variable at byte {at}");
+                room.take(&inside, inflated.len() as u64)?;
                 let mut variable = Bytes::new(&inside, &inflated, big_endian);
                 match element(&mut variable)? {
                     (MI_MATRIX, data) => {

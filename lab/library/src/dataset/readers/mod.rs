@@ -13,6 +13,7 @@ mod header;
 mod matlab5;
 mod named_arrays;
 mod numpy;
+mod packed;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(feature = "spreadsheet")]

@@ -1,14 +1,12 @@
 //! NumPy arrays: NPY (one array) and NPZ (several by name).
 
+use super::packed::Room;
 use crate::dataset::table::{Column, Table};
 use crate::error::{Error, Result};
 use std::io::Read;
 
 /// Most columns that a table of samples may have; more of one dimension than of the other are samples.
 const COLUMNS_MAX: usize = 64;
-
-/// Most bytes that one array of an archive may have.
-const MEMBER_MAX: u64 = 1 << 31;
 
 /// One array: `(samples, columns)`, or `(columns, samples)` where that is the longer side.
 pub fn read_npy(place: &str, bytes: &[u8]) -> Result<Table> {
@@ -60,7 +58,7 @@ pub fn read_npy(place: &str, bytes: &[u8]) -> Result<Table> {
 pub fn read_npz(place: &str, bytes: &[u8]) -> Result<Table> {
     let fail = |e: &dyn std::fmt::Display| Error::new(place, format!("cannot be read as NPZ: {e}"));
     let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bytes)).map_err(|e| fail(&e))?;
-    let mut arrays = Vec::new();
+    let (mut arrays, mut room) = (Vec::new(), Room::of_file(bytes.len()));
     for i in 0..archive.len() {
         let mut member = archive.by_index(i).map_err(|e| fail(&e))?;
         let file_name = member.name().map_err(|e| fail(&e))?.into_owned();
@@ -70,10 +68,11 @@ pub fn read_npz(place: &str, bytes: &[u8]) -> Result<Table> {
         let mut content = Vec::new();
         member
             .by_ref()
-            .take(MEMBER_MAX)
+            .take(room.limit())
             .read_to_end(&mut content)
             .map_err(|e| fail(&format!("array `{name}`: {e}")))?;
         let inside = format!("{place}: array `{name}`");
+        room.take(&inside, content.len() as u64)?;
         let file = npyz::NpyFile::new(&content[..])
             .map_err(|e| Error::new(&inside, format!("cannot be read as NPY: {e}")))?;
         check_size(&inside, &file, content.len())?;

@@ -1,12 +1,13 @@
 //! XLSX: the first sheet that holds columns of numbers, read as text would be.
 
-use super::{Hints, delimited};
+use super::{Hints, delimited, packed};
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
-use calamine::{Data, Reader, Xlsx, open_workbook_from_rs};
+use calamine::{Cell, Data, DataRef, Range, Reader, Xlsx, XlsxError, open_workbook_from_rs};
+use std::io::Cursor;
 
-/// Most cells of a sheet that are read: an empty cell far away makes a sheet long and wide.
-const CELLS_MAX: usize = 50_000_000;
+/// Most cells of a sheet that are read: a single cell far away makes a sheet long and wide.
+const CELLS_MAX: u64 = 50_000_000;
 
 /// Reads a workbook.
 pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
@@ -16,24 +17,13 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
             format!("cannot be read as XLSX: {e}; is it cut off or damaged?"),
         )
     };
-    let mut book: Xlsx<_> =
-        open_workbook_from_rs(std::io::Cursor::new(bytes)).map_err(|e| fail(&e))?;
+    packed::check_archive(place, bytes)?;
+    let mut book: Xlsx<_> = open_workbook_from_rs(Cursor::new(bytes)).map_err(|e| fail(&e))?;
     let names = book.sheet_names();
     let mut first_error = None;
     for name in &names {
-        let sheet = book
-            .worksheet_range(name)
-            .map_err(|e| fail(&format!("sheet `{name}`: {e}")))?;
-        let (rows, width) = sheet.get_size();
-        if rows.saturating_mul(width) > CELLS_MAX {
-            return Err(Error::new(
-                place,
-                format!(
-                    "sheet `{name}` spans {rows} rows of {width} cells; expected at most {CELLS_MAX} cells"
-                ),
-            ));
-        }
         let inside = format!("{place}: sheet `{name}`");
+        let sheet = cells_of(&mut book, name, &inside)?;
         // Rows keep their numbers: what stands above the first one that is used is empty.
         let above = sheet
             .start()
@@ -61,6 +51,46 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
     }
     Err(first_error
         .unwrap_or_else(|| Error::new(place, "has no sheet; expected one with columns of numbers")))
+}
+
+/// The cells of a sheet, laid out; nothing where it is a chart.
+fn cells_of(book: &mut Xlsx<Cursor<&[u8]>>, name: &str, inside: &str) -> Result<Range<Data>> {
+    let fail = |e: XlsxError| {
+        Error::new(
+            inside,
+            format!("cannot be read as XLSX: {e}; is it cut off or damaged?"),
+        )
+    };
+    let mut reader = match book.worksheet_cells_reader(name) {
+        Ok(reader) => reader,
+        Err(XlsxError::NotAWorksheet(_)) => return Ok(Range::default()),
+        Err(e) => return Err(fail(e)),
+    };
+    let (mut cells, mut first, mut last) = (Vec::new(), (u32::MAX, u32::MAX), (0, 0));
+    while let Some(cell) = reader.next_cell().map_err(fail)? {
+        if matches!(cell.get_value(), DataRef::Empty) {
+            continue;
+        }
+        let (row, column) = cell.get_position();
+        first = (first.0.min(row), first.1.min(column));
+        last = (last.0.max(row), last.1.max(column));
+        let (rows, width) = (last.0 - first.0 + 1, last.1 - first.1 + 1);
+        // Rows and columns between are laid out as well, and a cell may come twice.
+        let spans = u64::from(rows) * u64::from(width);
+        if spans.max(cells.len() as u64) > CELLS_MAX {
+            return Err(Error::new(
+                inside,
+                format!(
+                    "spans {rows} rows of {width} cells; expected at most {CELLS_MAX} cells, remove what stands far away"
+                ),
+            ));
+        }
+        cells.push(Cell::new(
+            (row, column),
+            Data::from(cell.get_value().clone()),
+        ));
+    }
+    Ok(Range::from_sparse(cells))
 }
 
 /// A cell as a text file would have it.
