@@ -77,7 +77,7 @@ impl Equipment {
     fn most_cycles(self) -> u64 {
         match self {
             Self::None => 3_600,
-            Self::All => 3_960,
+            Self::All => 3_700,
         }
     }
 }
