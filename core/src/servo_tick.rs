@@ -154,8 +154,6 @@ impl ServoTick {
     /// limits.
     pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
-        // Of the last tick of a loop; the next loop begins without.
-        (self.rounding_error, self.limited, self.slewing) = (0, 0, false);
         self.note(
             code.max(self.parameters.converters.dac_code_min)
                 .min(self.parameters.converters.dac_code_max),
@@ -196,6 +194,10 @@ impl ServoTick {
 
     /// Lets the law take over at the next tick, from the drive and the position that it finds.
     pub fn enable(&mut self) {
+        if matches!(self.law, LawState::Off) {
+            // Of the last tick of another loop.
+            (self.rounding_error, self.limited, self.slewing) = (0, 0, false);
+        }
         self.law = LawState::Fresh;
         self.learner.restart();
         self.adaptation.wait();

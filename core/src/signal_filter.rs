@@ -150,10 +150,7 @@ impl Section {
 
     /// Begins anew at the next sample.
     fn restart(&mut self) {
-        *self = Self {
-            row: self.row,
-            ..Self::OFF
-        };
+        (self.before, self.runs, self.offset, self.settled) = (None, false, 0, false);
     }
 }
 

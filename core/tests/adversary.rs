@@ -428,9 +428,16 @@ impl Adversary {
                 "                    largest_dropped_loop: ",
                 "                        share: ",
                 "                        output: ",
+                "                    remainder: ",
             ];
-            let lines = all.lines();
-            let lines = lines.filter(|line| !left_out.iter().any(|begin| line.starts_with(begin)));
+            // A section of a filter that is off keeps its past, and does not look at it.
+            let mut is_past = false;
+            let lines = all.lines().filter(|line| {
+                is_past |= line.ends_with(" past: [");
+                let is_left_out = is_past || left_out.iter().any(|begin| line.starts_with(begin));
+                is_past &= !line.ends_with("],");
+                !is_left_out
+            });
             lines.map(str::to_owned).collect::<Vec<_>>()
         };
         let (ours, fresh) = (state(&self.amplifier), state(&fresh.amplifier));
@@ -646,7 +653,7 @@ fn run(seed: u64, ticks: u32) -> Seen {
                 "without power towards rest only"
             );
         }
-        let converters = &all.amplifier.parameters().servo.converters;
+        let converters = &all.amplifier.servo().parameters().converters;
         let error_um = f64::from(sample.reference) / 2f64.powi(24)
             - f64::from(converters.position(last_reading)) / 2f64.powi(24);
         if mode != Mode::Closed {

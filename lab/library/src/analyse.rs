@@ -419,6 +419,7 @@ fn unfitted(start: &Start, study: &Study) -> Grown {
             effects.iter().for_each(|effect| {
                 model.add(EffectInstance::new(effect.clone(), &study.overview, &[]))
             });
+            note_origin(&mut model, study.dataset, &study.split.identify);
             model
         }
     };
