@@ -4,6 +4,35 @@
 //! Waveforms are joined by concatenating vectors; [`concatenate`] does that. Where a waveform is made of
 //! random phases the seed is an argument, and the same seed gives the same samples on every machine. Counts
 //! of samples are rounded to the nearest sample, so that a joint never leaves a gap.
+//!
+//! ```
+//! use hysteron_sim::waveform::*;
+//!
+//! let hz = 10_000.0;
+//! assert_eq!(samples_in(hz, 0.25), 2500);
+//! // A drive for a recording: at rest, loops inside loops, a staircase.
+//! let drive_v = concatenate(&[
+//!     hold(hz, 0.0, 0.5),
+//!     triangles(hz, 200.0, &[0.0, 60.0, 20.0, 40.0, 0.0]),
+//!     half_cosines(hz, 0.05, &[0.0, 60.0, 10.0, 0.0]),
+//!     steps(hz, &[(20.0, 0.1), (50.0, 0.1), (0.0, 0.1)]),
+//! ]);
+//! assert!(drive_v.iter().all(|v| (0.0..=60.0).contains(v)));
+//! // For the dynamics: periods of lines at 10, 30 and 70 Hz, a sweep, and bursts.
+//! let dynamics_v = concatenate(&[
+//!     multisine(1000, &[1, 3, 7], 5.0, 30.0, 4, 1),
+//!     chirp(hz, 1.0, 200.0, 5.0, 30.0, 0.0, 1.0),
+//!     sine_burst(hz, 100.0, 5.0, 30.0, 0.2),
+//! ]);
+//! assert!(dynamics_v.iter().all(|v| (v - 30.0).abs() <= 5.0 + 1e-9));
+//! // References for a servo, and the saw-tooth of a stick-slip drive.
+//! let mut reference_um = sine(hz, 50.0, 2.0, 0.0, 0.0, 1.0);
+//! grow_from_zero(&mut reference_um, hz);
+//! assert!(reference_um[..100].iter().all(|um| um.abs() < 0.001 * GROWN_WITHIN_S));
+//! assert_eq!(raised_cosine(hz, 50.0, 1.0, 5.0, 2).last(), Some(&1.0));
+//! assert!(rounded_triangle(hz, 400.0, 8.0, 0.1).iter().all(|um| *um <= 8.0));
+//! assert_eq!(saw_tooth(hz, 100.0, 60.0, 1.0, 3).len(), 300);
+//! ```
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;

@@ -6,6 +6,7 @@ pub mod measured;
 pub mod random_input;
 pub mod running_amplifier;
 pub mod saved_model;
+pub mod saved_tapes;
 pub mod servo_study;
 
 use std::io::Write;

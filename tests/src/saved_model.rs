@@ -8,9 +8,13 @@ use hysteron::diagnosis::judgement::noise_floor_beside;
 use hysteron::figures::fit_figures;
 use hysteron::model_file::{effects_named, from_toml, to_toml};
 use hysteron::origin::{Initial, Way, read_as_recorded};
+use hysteron::phrases::nm;
 use hysteron::statistics::rms;
 use hysteron::watch::Watch;
 use hysteron::{Drive, InitialState, Result};
+
+/// An error is what was reported up to this factor.
+pub const AS_REPORTED: f64 = 1.1;
 
 /// What a saved model does on the file that it was found on.
 #[derive(Clone, Debug)]
@@ -34,31 +38,41 @@ pub struct SavedModel {
 }
 
 impl SavedModel {
-    /// The heading of a table.
-    pub const HEADING: &'static str =
-        "reported compared simulated  replay  simulated  inside  band/error  effects";
+    /// The heading of a table as CSV, errors in nm.
+    pub const HEADING: &'static str = "tape,reported_nm,compared_nm,simulated_there_nm,replay_reported_nm,simulated_nm,inside_band_pct,half_band_over_error,effects";
 
     /// A row of it.
     #[must_use]
-    pub fn row(&self) -> String {
+    pub fn row(&self, tape: &str) -> String {
+        let times = |value: f64| {
+            if value.is_nan() {
+                "none".into()
+            } else {
+                format!("{value:.2}")
+            }
+        };
         format!(
-            "{:>8.2} {:>8.2} {:>9.2} {:>7.2} {:>10.2} {:>5.1} % {:>11.2}  {}",
-            1e3 * self.reported_um,
-            1e3 * self.compared_um,
-            1e3 * self.simulated_um,
-            1e3 * self.replayed_um,
-            1e3 * self.simulated_whole_um,
+            "{tape},{},{},{},{},{},{:.1},{},{}",
+            nm(self.reported_um),
+            nm(self.compared_um),
+            nm(self.simulated_um),
+            nm(self.replayed_um),
+            nm(self.simulated_whole_um),
             100.0 * self.inside,
-            self.band_over_error,
-            self.effects.join(", ")
+            times(self.band_over_error),
+            self.effects.join(" ")
         )
     }
 
-    /// How many times what was reported the worst of the errors is.
+    /// Errors over what was reported: of `compare` and of `simulate` on the samples that judged, and of
+    /// `simulate` over the whole file.
     #[must_use]
-    pub fn times_reported(&self) -> f64 {
-        let judged = self.compared_um.max(self.simulated_um) / self.reported_um;
-        judged.max(self.simulated_whole_um / self.replayed_um)
+    pub fn over_reported(&self) -> [f64; 3] {
+        [
+            self.compared_um / self.reported_um,
+            self.simulated_um / self.reported_um,
+            self.simulated_whole_um / self.replayed_um,
+        ]
     }
 }
 

@@ -115,8 +115,31 @@ fn was_written_here(path: &Path) -> bool {
     read.is_ok() && (beginning.starts_with("<!doctype html") || has_schema)
 }
 
+/// Whether this run prints into a file: a table of its own lines would be read from there.
+fn is_printed_into(path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::fd::{AsFd, BorrowedFd};
+        use std::os::unix::fs::MetadataExt;
+        let Ok(file) = std::fs::metadata(path) else {
+            return false;
+        };
+        let is_it = |stream: BorrowedFd| {
+            let open = stream.try_clone_to_owned().map(File::from);
+            let known = open.and_then(|open| open.metadata());
+            known.is_ok_and(|known| (known.dev(), known.ino()) == (file.dev(), file.ino()))
+        };
+        is_it(std::io::stdout().as_fd()) || is_it(std::io::stderr().as_fd())
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = path;
+        false
+    }
+}
+
 /// The recordings below a folder, by their paths there: files, and folders with a manifest. What the program
-/// wrote there is left out.
+/// wrote there is left out, and what it prints into.
 fn recordings_in(folder: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let mut open = vec![PathBuf::new()];
@@ -133,7 +156,7 @@ fn recordings_in(folder: &Path) -> Result<Vec<String>> {
             }
             if at.is_dir() && !at.join("dataset.toml").is_file() {
                 open.push(path);
-            } else if !at.is_file() || !was_written_here(&at) {
+            } else if !at.is_file() || !(was_written_here(&at) || is_printed_into(&at)) {
                 let parts = path.iter().map(|part| part.to_string_lossy());
                 found.push(parts.collect::<Vec<_>>().join("/"));
             }

@@ -567,6 +567,21 @@ pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
 ///
 /// # Errors
 /// What is wrong with the definition.
+/// ```
+/// let text = r#"
+/// id = "contact"
+/// place = "load_force"
+/// output = "x - stiffness * max(x - 5, 0)"
+/// [[parameter]]
+/// name = "stiffness"
+/// lower = 0.0
+/// upper = 1.0
+/// starts = [0.1]
+/// "#;
+/// let contact = hysteron::own_effect(text, "contact.toml")?;
+/// assert_eq!(contact.declaration().id, "contact");
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn own_effect(text: &str, file_name: &str) -> Result<Arc<dyn Effect>> {
     ExpressionEffect::from_toml(text)
         .map(|e| Arc::new(e) as Arc<dyn Effect>)

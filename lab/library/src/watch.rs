@@ -4,6 +4,25 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 /// Told of every step of a search; may ask it to stop.
+/// ```
+/// use hysteron::{Deadline, Watch, WatchEvent};
+/// use std::time::Duration;
+///
+/// /// Prints the models that are better than all before.
+/// struct Prints;
+///
+/// impl Watch for Prints {
+///     fn event(&self, event: &WatchEvent<'_>) {
+///         if let WatchEvent::Tried { best: true, .. } = event {
+///             println!("{event}");
+///         }
+///     }
+/// }
+///
+/// // `analyse` takes either.
+/// let within_a_minute = Deadline::new(&Prints, Duration::from_secs(60));
+/// assert!(within_a_minute.time_used() < 1.0 && !within_a_minute.stopped());
+/// ```
 pub trait Watch: Sync {
     /// Something begins, or came out.
     fn event(&self, event: &WatchEvent<'_>);

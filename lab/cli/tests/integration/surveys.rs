@@ -101,6 +101,29 @@ fn a_survey_names_outliers_and_goes_on_where_it_stopped() {
     }
 }
 
+#[test]
+#[cfg(unix)]
+fn what_a_survey_prints_into_a_file_is_no_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    recordings(folder.path(), 3);
+    let inside = folder.path().join("recordings");
+    for _ in 0..2 {
+        let into = |name: &str| {
+            let mut file = std::fs::OpenOptions::new();
+            file.create(true).append(true);
+            file.open(inside.join(name)).unwrap()
+        };
+        let status = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+            .args(["survey", ".", "--from", "gain,sensor_bandwidth"])
+            .current_dir(&inside)
+            .stdout(into("log.txt"))
+            .stderr(into("errors.txt"))
+            .status();
+        assert!(status.unwrap().success());
+        assert_eq!(rows(&inside).len(), 4);
+    }
+}
+
 /// The processes whose parent is this one.
 #[cfg(target_os = "linux")]
 fn children(parent: u32) -> Vec<u32> {

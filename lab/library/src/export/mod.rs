@@ -385,9 +385,15 @@ fn fitted(model: &Model) -> Vec<String> {
     } else {
         format!(" on {}", recorded.fitted_on)
     };
+    // A check may block a data set, to which nothing is fitted then.
+    let how = if known.values.is_empty() {
+        "Not fitted to"
+    } else {
+        "Fitted to"
+    };
     vec![
         format!(
-            "Fitted to {}{on}; error {} um RMS on what judged it.",
+            "{how} {}{on}; error {} um RMS on what judged it.",
             recorded.data_set,
             four(known.error_um)
         ),

@@ -157,6 +157,12 @@ fn moved(chain: &Model, effect: &str, frequency: usize, factors: [f64; 2]) -> Mo
     out
 }
 
+/// How well the values of a chain are known together, where it was fitted.
+fn with_covariance(chain: &Model) -> Option<&Identified> {
+    let known = chain.identified.as_deref();
+    known.filter(|known| !known.values.is_empty())
+}
+
 fn members(chain: &Model) -> Vec<Member> {
     let mut out = Vec::new();
     let mut add = |name: String, chain: &Model, change: HysteresisChange| {
@@ -166,7 +172,7 @@ fn members(chain: &Model) -> Vec<Member> {
             change,
         })
     };
-    if let Some(identified) = chain.identified.as_deref() {
+    if let Some(identified) = with_covariance(chain) {
         for nth in 1..=DRAWS {
             if let Some(drawn) = drawn(chain, identified, nth) {
                 add(
@@ -249,7 +255,7 @@ pub fn band(
     members.extend(others?);
     Ok(PlantBand {
         members,
-        with_covariance: chain.identified.is_some(),
+        with_covariance: with_covariance(chain).is_some(),
     })
 }
 

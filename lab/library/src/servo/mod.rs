@@ -4,7 +4,7 @@
 //! the model and [`follow`] shows it at work.
 //!
 //! ```
-//! use hysteron::servo::{Demands, Reference, Work, check, design, follow};
+//! use hysteron::servo::{Demands, Reference, Work, check, design, follow, with_scheme};
 //! use hysteron::{EffectInstance, Model, Overview, effect_named};
 //!
 //! let mut stage = Model::new(0.0, 100.0);
@@ -17,6 +17,9 @@
 //! let reference = Reference::named("sine:10:4", servo.period_s())?;
 //! let track = follow(&stage, &servo, &reference, "sine:10:4", &Work::default())?;
 //! assert!(track.truth.rms_um < 0.02);
+//! // The same stage without feedback, for comparison.
+//! let open = with_scheme(&servo, "feedforward")?;
+//! assert!(follow(&stage, &open, &reference, "sine:10:4", &Work::default()).is_ok());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
