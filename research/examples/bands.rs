@@ -9,9 +9,9 @@
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, folder};
-use hysteron::diagnosis::words::nm;
 use hysteron::model_file::{effects_named, from_toml, to_toml};
 use hysteron::origin::{Initial, Way};
+use hysteron::phrases::nm;
 use hysteron::statistics::rms;
 use hysteron::watch::Unwatched;
 use hysteron::{Drive, Record};
