@@ -27,6 +27,8 @@ LOWER_V, LARGEST_V, PLAYS, SIZES, LEVELS = -95.0, 100.0, 32, 5, 5
 TIMES_S = (1e-3, 1e-2, 0.1, 1.0, 10.0)
 FROM_S = {"20_hz_no_lp": 1.5, "40_hz_no_lp": 1.5, "sine50_1": 1.0, "tri50_1": 1.0}
 LEAD_S = 0.02
+# The play whose edge no power changes.
+ALIKE_V = 30.0
 NAMES = tuple(FROM_S)
 SETS = (NAMES, ("20_hz_no_lp", "sine50_1"), ("40_hz_no_lp", "tri50_1"), ("20_hz_no_lp", "40_hz_no_lp"))
 
@@ -57,7 +59,7 @@ def walk(drive, start, width, lost):
 
 def positions(drive, held_s, shape):
     """Of all plays: first where they rest at 0 V behind the last turn of a drive, then along the drive."""
-    width = shape.activation * (np.full(PLAYS, shape.one_width_of_v) if shape.one_width_of_v else THRESHOLDS)
+    width = shape.activation * ALIKE_V * (THRESHOLDS / ALIKE_V) ** shape.power
     lost_in = lambda time: -np.expm1(-2 * time / ATTEMPT_S * np.exp(-THRESHOLDS / width))
     hold = lambda start, volt, time: np.array([follow(*of) for of in zip(start, np.full(PLAYS, volt), width, lost_in(time))])
     rest = hold(shape.turn_v + shape.side * THRESHOLDS, 0.0, RESTED_S)
@@ -129,13 +131,13 @@ def bias(time_s):
 
 
 class Shape(NamedTuple):
-    """Widths of the edges of plays, as shares of their thresholds or of one voltage, and the state before a record.
+    """Widths of the edges of plays, as a share of a power of their thresholds, and the state before a record.
 
-    The last turn before it is at `turn_v`; `side` is 1 where the drive fell there from far above, -1 where it rose.
+    The power leaves that of the play of 30 V as it is. The last turn before it is at `turn_v`; `side` is 1 where the drive fell there from far above, -1 where it rose.
     """
 
     activation: float = 0.031
-    one_width_of_v: float = 0.0
+    power: float = 1.0
     turn_v: float = LOWER_V
     side: float = 1.0
 
@@ -147,7 +149,9 @@ STRUCTURES = (
     ("activated plays, creep", Shape(), creep, 1),
     ("the same, activation 0.025", Shape(0.025), creep, 1),
     ("the same, activation 0.04", Shape(0.04), creep, 1),
-    ("edges as wide as that of a play of 30 V", Shape(one_width_of_v=30.0), creep, 1),
+    ("edges as wide as that of a play of 30 V", Shape(power=0.0), creep, 1),
+    ("edges that grow with the root of the threshold", Shape(power=0.5), creep, 1),
+    ("the same, activation 0.045", Shape(0.045, power=0.5), creep, 1),
     ("plays that begin at 0 V", Shape(turn_v=0.0, side=0.0), creep, 1),
     ("activated plays, creep, relaxation of the switching part", Shape(), relaxing, 3),
     ("activated plays, creep, strain quadratic in polarisation", Shape(), quadratic, 3),

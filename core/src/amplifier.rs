@@ -55,6 +55,7 @@ use crate::reference_window::PREVIEW_TICKS;
 use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_parameters::ConverterParameters;
 use crate::servo_tick::ServoTick;
+use crate::set_point::{InputState, SetPoint};
 use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow};
 use crate::swing_watch::SwingWatch;
@@ -174,6 +175,12 @@ pub enum Command {
         /// How long the tones last, ticks.
         ticks: u32,
     },
+    /// With the loop closed: follows the analogue set point from where the reference stands
+    /// ([`crate::set_point`]), until another reference, a stop or a fault.
+    FollowInput {
+        /// Change of the reference in a tick at most.
+        most_step: Micrometres,
+    },
     /// Goes to an open-loop drive, no faster than to rest, and holds it; the loop can be closed from there.
     Hold {
         /// The drive, held within its limits; `None`: where it is.
@@ -223,8 +230,10 @@ pub enum Refusal {
     BeyondLimits,
     /// The power stage is off: nobody has armed it since the start or the last fault.
     NotArmed,
-    /// The points of a table are followed only by a loop that is closed already.
+    /// The points of a table and the analogue set point are followed only by a loop that is closed already.
     LoopOpen,
+    /// The board has no analogue set point, or its envelope does not say how it is wired.
+    NoInput,
 }
 
 /// The amplifier with all its state.
@@ -271,6 +280,8 @@ pub struct Amplifier {
     most_change: u64,
     /// Looks at the amplifier's output, where its monitor is wired.
     output: Option<OutputMonitor>,
+    /// The analogue set point, where it is wired.
+    input: Option<SetPoint>,
     parameters: AmplifierParameters,
     servo: ServoTick,
 }
@@ -322,6 +333,7 @@ impl Amplifier {
             change: 0,
             most_change: u64::MAX,
             output: None,
+            input: None,
             reference: None,
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
             player: ReferenceGenerator::new(Waveform::Constant, Volts::from_bits(0)),
@@ -348,6 +360,8 @@ impl Amplifier {
     }
 
     /// Stops with a fault that was found outside the tick.
+    // Once, not at each of its dozen callers: it is rare and takes 200 bytes.
+    #[inline(never)]
     pub fn refuse(&mut self, fault: Fault) {
         self.fault.get_or_insert(fault);
         self.mode = Mode::Fault;
@@ -390,6 +404,34 @@ impl Amplifier {
         self.output = Some(monitor);
     }
 
+    /// From now on the analogue set point can be followed ([`crate::set_point`]).
+    pub fn wire_input(&mut self, input: SetPoint) {
+        self.input = Some(input);
+    }
+
+    /// Takes what the analogue set point read during the last period (`None`: its converter did not answer),
+    /// 65,536 codes. Call it before the tick.
+    #[inline]
+    pub fn inspect_input(&mut self, code: Option<u16>) {
+        match self.input.as_mut().map(|input| input.follow(code)) {
+            Some(Ok(Some(reference))) => self.generator.stay_at(reference),
+            Some(Err(fault)) => self.refuse(fault),
+            Some(Ok(None)) | None => {}
+        }
+    }
+
+    /// What the loop has of the analogue set point.
+    #[must_use]
+    pub fn input_state(&self) -> InputState {
+        self.input.as_ref().map_or(InputState::Off, SetPoint::state)
+    }
+
+    fn leave_input(&mut self) {
+        if let Some(input) = &mut self.input {
+            input.end();
+        }
+    }
+
     /// Takes what the voltage monitor read during the last period (`None`: its converter did not answer),
     /// 65,536 codes. Call it before the tick.
     #[inline]
@@ -408,6 +450,7 @@ impl Amplifier {
     fn forget_plans(&mut self) {
         self.reference = None;
         self.self_test = None;
+        self.leave_input();
     }
 
     /// Takes a command.
@@ -498,6 +541,18 @@ impl Amplifier {
                 self.swing.begin(self.code);
                 self.mode = Mode::Closed;
             }
+            Command::FollowInput { .. } if self.mode != Mode::Closed => {
+                return Err(Refusal::LoopOpen);
+            }
+            Command::FollowInput { most_step } => {
+                let limits = command_limits::positions(self.converters(), &self.parameters.guard);
+                let input = self.input.as_mut().ok_or(Refusal::NoInput)?;
+                let from = self.servo.asked();
+                input.begin(from, most_step, limits);
+                self.reference = None;
+                self.generator = ReferenceGenerator::new(Waveform::Constant, from);
+                self.servo.repeat(None);
+            }
             Command::Play {
                 waveform,
                 offset,
@@ -512,6 +567,7 @@ impl Amplifier {
                     return Err(Refusal::NotAtRest);
                 }
                 self.reference = None;
+                self.leave_input();
                 self.held_code =
                     Some(drive.map_or(self.code, |drive| self.code_for(drive.to_bits())));
                 self.mode = Mode::Playing;
@@ -623,6 +679,7 @@ impl Amplifier {
     }
 
     fn begin_reference(&mut self) {
+        self.leave_input();
         let (waveform, offset) = self
             .reference
             .unwrap_or_else(|| (Waveform::Constant, self.standing()));

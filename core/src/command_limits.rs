@@ -87,6 +87,8 @@ pub fn check(
         Command::Play {
             waveform, offset, ..
         } => is_within(waveform, *offset, drives(parameters)),
+        // The input has limits of its own, and a reference that cannot change follows nothing.
+        Command::FollowInput { most_step } => *most_step > Micrometres::ZERO,
         _ => true,
     };
     if within {

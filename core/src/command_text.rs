@@ -15,6 +15,8 @@
 //!                                              "host lost"; 10 to 3600000, 0 for never
 //! resonance MILLIHERTZ ALARM_NM                the line that the telemetry of the closed loop listens to,
 //!                                              and its alarm; 0 for none of either
+//! update older                                 until a restart: an image of a lower version than the running
+//!                                              one's may come over the line
 //! protect                                      at rest: brown-out level and watchdog into the option bytes;
 //!                                              a restart of the supply takes them
 //! reference constant NM
@@ -68,6 +70,8 @@ pub enum Line {
     Resonance(ResonanceWatch),
     /// Write the option bytes that protect.
     Protect,
+    /// Let an image of a lower version come.
+    UpdateOlder,
     /// Gather every tick around an event.
     Capture(Trigger, u32, u32),
     /// Read the capture out.
@@ -247,6 +251,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             };
         }
         (Some("protect"), None) => return Ok(Line::Protect),
+        (Some("update"), Some("older")) => return Ok(Line::UpdateOlder),
         (Some("condition"), None) => Command::Condition {
             cycle_ticks: sample_rate_hz / CONDITIONING_HZ,
             rest_ticks: sample_rate_hz,
@@ -423,6 +428,7 @@ mod tests {
             Ok(Line::Control(None, Command::RequireConditioning(false)))
         );
         assert_eq!(parse("protect", 20_000), Ok(Line::Protect));
+        assert_eq!(parse("update older", 20_000), Ok(Line::UpdateOlder));
         assert_eq!(
             parse("condition", 20_000),
             Ok(Line::Control(

@@ -12,7 +12,9 @@
 //! counts as set, because a mark is written when its step has been done, and as a request it counts as none.
 //!
 //! Nothing is done without an authentication code: the request has that of the incoming image under the
-//! board's [`UpdateKey`], and the boot stage computes it again before it erases anything.
+//! board's [`UpdateKey`], and the boot stage computes it again before it erases anything. An image of a lower
+//! version than the running one's ([`ImageHeader::release`]) is refused before it is requested: a signature
+//! does not end, and what was signed once could bring back what a later version mended.
 
 use core::hash::Hasher;
 
@@ -27,7 +29,7 @@ const STRIDE: u32 = WORD_BYTES as u32;
 /// A flash word.
 pub type Word = [u8; WORD_BYTES];
 
-const ERASED: Word = [0xFF; WORD_BYTES];
+pub(crate) const ERASED: Word = [0xFF; WORD_BYTES];
 /// What a mark holds.
 pub const MARKED: Word = [0; WORD_BYTES];
 const REQUEST_MAGIC: u32 = 0x4859_5550;
@@ -424,6 +426,26 @@ impl ImageHeader {
         }
     }
 
+    /// Its version as numbers, major first; `None` where it is none, which is below every version.
+    #[must_use]
+    pub fn release(&self) -> Option<[u32; 3]> {
+        let (mut release, mut nth, mut digits) = ([0u32; 3], 0, 0);
+        for byte in text(&self.version).bytes() {
+            match byte {
+                b'0'..=b'9' => {
+                    let number = release.get_mut(nth)?;
+                    *number = number
+                        .checked_mul(10)?
+                        .checked_add(u32::from(byte - b'0'))?;
+                    digits += 1;
+                }
+                b'.' if digits > 0 => (nth, digits) = (nth + 1, 0),
+                _ => return None,
+            }
+        }
+        (nth == 2 && digits > 0).then_some(release)
+    }
+
     /// Reads one, and the length of its image, from what stands at [`HEADER_OFFSET`].
     #[must_use]
     pub fn read(bytes: &[u8]) -> Option<(u32, Self)> {
@@ -705,5 +727,18 @@ mod tests {
         );
         bytes[4] = b'X';
         assert_eq!(ImageHeader::read(&bytes), None);
+    }
+
+    #[test]
+    fn versions_rise_by_their_numbers_and_not_by_their_letters() {
+        let release = |version| ImageHeader::new("", "", version, 20_000).release();
+        assert_eq!(release("0.10.2"), Some([0, 10, 2]));
+        assert!(release("0.10.0") > release("0.9.9") && release("1.0.0") > release("0.99.99"));
+        for none in ["", "1.2", "1.2.3.4", "1.2.x", "1.2.3-rc1"] {
+            assert!(
+                release(none).is_none() && release(none) < release("0.0.0"),
+                "{none}"
+            );
+        }
     }
 }

@@ -35,6 +35,8 @@
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
 //! | output is not the drive or moves while it is off, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
 //! | drive's converter holds another code | its register, read back | power off at once |
+//! | part too hot | its temperature exceeds the board's limit | ramp to rest |
+//! | analogue set point open | [`crate::set_point`], while it is followed | ramp to rest |
 //! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
@@ -112,11 +114,17 @@ pub enum Fault {
     KeptSettings = 33,
     /// The amplifier's output moves away from rest while its power stage is switched off.
     OutputWhileOff = 34,
+    /// The part is hotter than it may be.
+    PartTooHot = 35,
+    /// The analogue set point that is followed is open or shorted, or its converter does not answer.
+    SetPointOpen = 36,
+    /// The amplifier is hotter than it may be, or its temperature is not read.
+    AmplifierTooHot = 37,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 34] = [
+    pub const ALL: [(Self, &'static str); 37] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -168,6 +176,12 @@ impl Fault {
         (
             Self::OutputWhileOff,
             "output of the amplifier moves while it is switched off",
+        ),
+        (Self::PartTooHot, "part too hot"),
+        (Self::SetPointOpen, "analogue set point open"),
+        (
+            Self::AmplifierTooHot,
+            "amplifier too hot, or its temperature not read",
         ),
     ];
 

@@ -195,6 +195,12 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
         }
     }
 
+    /// Of a constant: the samples from now on.
+    #[inline]
+    pub fn stay_at(&mut self, offset: Q) {
+        self.offset = offset;
+    }
+
     /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
     #[inline]
     #[must_use]

@@ -64,6 +64,13 @@ impl ReferenceWindow {
         };
     }
 
+    /// The newest reference that was asked for, um with 24 fraction bits.
+    #[must_use]
+    pub fn asked(&self) -> i32 {
+        let [_, asked] = self.newest;
+        asked
+    }
+
     /// Takes the reference that is asked for [`PREVIEW_TICKS`] samples from now, through the sensor's lag,
     /// and what it is corrected by.
     #[inline]

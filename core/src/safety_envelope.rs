@@ -19,14 +19,16 @@ use crate::parameter_block::{
     AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept,
 };
 use crate::self_test::STEP_MILLIVOLTS;
+use crate::sensor_linearisation::{POINTS, SensorLinearisation, is_moderate};
 use crate::servo_parameters::LawParameters;
+use crate::set_point::SetPointParameters;
 
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 6;
 /// Bytes of the largest envelope.
-pub const ENVELOPE_BYTES: usize = 160;
+pub const ENVELOPE_BYTES: usize = 192;
 
 /// The tolerance of the monitor goes so often into the range of the drive, or more: a gain that is wrong by
 /// 6 % is seen at the highest drive.
@@ -84,8 +86,25 @@ pub struct SafetyEnvelope {
     pub monitor_tolerance_mv: u16,
     /// Longest time constant of amplifier and monitor together, us.
     pub monitor_lag_us: u32,
+    /// Position at code 0 of the analogue set point, nm.
+    pub set_point_at_code_0_nm: i32,
+    /// Positions over its 65,536 codes, nm; 0: it is not wired.
+    pub set_point_span_nm: u32,
+    /// Lowest position that it may lead to, nm.
+    pub set_point_min_nm: i32,
+    /// Highest one.
+    pub set_point_max_nm: i32,
+    /// Temperature of the amplifier at code 0 of its sensor, tenths of a degree Celsius.
+    pub amplifier_at_code_0_decicelsius: i32,
+    /// Degrees over its 65,536 codes, tenths; falls with the code where negative; 0: no sensor is wired.
+    pub amplifier_span_decicelsius: i32,
+    /// Hottest that the amplifier may be, tenths of a degree Celsius.
+    pub amplifier_most_decicelsius: i32,
     /// Positions of all codes of the sensor, nm: a block for another sensor closes no loop here.
     pub sensor_span_nm: u32,
+    /// What a code of the sensor is corrected by at every sixteenth of its codes, of 65,536
+    /// ([`crate::sensor_linearisation`]).
+    pub sensor_corrections: [i16; POINTS],
     /// Largest change of the reading in a tick that a block may call honest, nm.
     pub jump_within_nm: u32,
     /// A loop may be closed behind neither a self-test nor a conditioning: a bench without a stage.
@@ -117,7 +136,15 @@ wire_struct!(SafetyEnvelope {
     monitor_span_uv,
     monitor_tolerance_mv,
     monitor_lag_us,
+    set_point_at_code_0_nm,
+    set_point_span_nm,
+    set_point_min_nm,
+    set_point_max_nm,
+    amplifier_at_code_0_decicelsius,
+    amplifier_span_decicelsius,
+    amplifier_most_decicelsius,
     sensor_span_nm,
+    sensor_corrections,
     jump_within_nm,
     closes_untested,
 });
@@ -183,6 +210,25 @@ impl SafetyEnvelope {
                 "every limit of the envelope must be more than none",
             ));
         }
+        if self.set_point_span_nm > 0 && self.set_point_min_nm >= self.set_point_max_nm {
+            return Err(BlockError::Range(
+                "the limits of the analogue set point must be in order",
+            ));
+        }
+        if !is_moderate(&self.sensor_corrections) {
+            return Err(BlockError::Range(
+                "corrections of the sensor may differ by a quarter of the codes between them",
+            ));
+        }
+        // A limit that no honest code exceeds would never act.
+        let hottest = [MARGIN, u16::MAX - MARGIN].map(|code| self.amplifier_decicelsius(code));
+        if self.amplifier_span_decicelsius != 0
+            && hottest.iter().flatten().max() <= Some(&self.amplifier_most_decicelsius)
+        {
+            return Err(BlockError::Range(
+                "the sensor of the amplifier's temperature must read beyond its limit",
+            ));
+        }
         if self.monitor_span_uv == 0 {
             return Ok(());
         }
@@ -223,6 +269,47 @@ impl SafetyEnvelope {
                 sample_rate_hz,
             )
         })
+    }
+
+    /// How the analogue set point is wired; `None` where it is not.
+    #[must_use]
+    pub fn set_point(&self) -> Option<SetPointParameters> {
+        (self.set_point_span_nm > 0).then(|| {
+            SetPointParameters::new(
+                self.set_point_at_code_0_nm,
+                self.set_point_span_nm,
+                self.set_point_min_nm,
+                self.set_point_max_nm,
+            )
+        })
+    }
+
+    /// How codes of so many bits of the sensor are straightened; nothing where it is straight.
+    #[must_use]
+    pub fn linearisation(&self, bits: u8) -> Option<SensorLinearisation> {
+        SensorLinearisation::new(&self.sensor_corrections, bits)
+    }
+
+    /// The amplifier's temperature of a code of its sensor, tenths of a degree Celsius; `None` where none is
+    /// wired, or at the ends, where an open or shorted sensor reads.
+    #[must_use]
+    pub fn amplifier_decicelsius(&self, code: u16) -> Option<i32> {
+        let is_honest = (MARGIN..=u16::MAX - MARGIN).contains(&code);
+        (self.amplifier_span_decicelsius != 0 && is_honest).then(|| {
+            let above = (i64::from(code) * i64::from(self.amplifier_span_decicelsius)) >> 16;
+            self.amplifier_at_code_0_decicelsius
+                .saturating_add(above as i32)
+        })
+    }
+
+    /// Whether the amplifier is too hot to be driven, by the code of its sensor (`None`: its converter did
+    /// not answer).
+    #[must_use]
+    pub fn amplifier_is_too_hot(&self, code: Option<u16>) -> bool {
+        self.amplifier_span_decicelsius != 0
+            && code
+                .and_then(|code| self.amplifier_decicelsius(code))
+                .is_none_or(|now| now > self.amplifier_most_decicelsius)
     }
 
     /// Drive of a code of the converter, uV.
@@ -397,7 +484,15 @@ pub(crate) mod tests {
             monitor_span_uv: 180_000_000,
             monitor_tolerance_mv: 500,
             monitor_lag_us: 2_000,
+            set_point_at_code_0_nm: -1_000,
+            set_point_span_nm: 15_000,
+            set_point_min_nm: 0,
+            set_point_max_nm: 10_000,
+            amplifier_at_code_0_decicelsius: -500,
+            amplifier_span_decicelsius: 3_300,
+            amplifier_most_decicelsius: 700,
             sensor_span_nm: 15_000,
+            sensor_corrections: [40; POINTS],
             jump_within_nm: 2_000,
             closes_untested: false,
         }
@@ -424,6 +519,9 @@ pub(crate) mod tests {
             |e| e.current_ua = 0,
             |e| e.jump_within_nm = 0,
             |e| e.sensor_span_nm = 0,
+            |e| e.set_point_max_nm = 0,
+            |e| e.amplifier_most_decicelsius = 2_800,
+            |e| e.sensor_corrections[7] = 1_065,
             |e| e.monitor_at_code_0_uv = 1_000_000,
             |e| e.monitor_tolerance_mv = 0,
             |e| e.monitor_tolerance_mv = 1_500,
@@ -496,6 +594,36 @@ pub(crate) mod tests {
             "scale",
         );
         refuses(|p| p.servo.converters.dac_bits = 21, "bits");
+    }
+
+    #[test]
+    fn an_amplifier_is_too_hot_above_its_limit_and_where_its_sensor_is_open() {
+        let wired = envelope();
+        // 10 mV a degree over 3.3 V: 330 degrees.
+        let code = |decicelsius: i32| ((decicelsius + 500) * 65_536 / 3_300) as u16;
+        assert_eq!(wired.amplifier_decicelsius(code(250) + 1), Some(250));
+        assert_eq!(
+            [690, 705].map(|at| wired.amplifier_is_too_hot(Some(code(at)))),
+            [false, true]
+        );
+        for open in [None, Some(MARGIN - 1), Some(u16::MAX - MARGIN + 1)] {
+            assert!(wired.amplifier_is_too_hot(open), "{open:?}");
+        }
+        // A thermistor's divider falls.
+        let falling = SafetyEnvelope {
+            amplifier_at_code_0_decicelsius: 1_500,
+            amplifier_span_decicelsius: -2_000,
+            ..wired
+        };
+        assert_eq!(falling.is_consistent(), Ok(()));
+        assert!(falling.amplifier_is_too_hot(Some(20_000)));
+        assert!(!falling.amplifier_is_too_hot(Some(40_000)));
+        let without = SafetyEnvelope {
+            amplifier_span_decicelsius: 0,
+            ..wired
+        };
+        assert_eq!(without.amplifier_decicelsius(30_000), None);
+        assert!(!without.amplifier_is_too_hot(None));
     }
 
     #[test]

@@ -614,6 +614,12 @@ impl ServoTick {
         Micrometres::from_bits(self.window.now().saturating_sub(self.learner.present()))
     }
 
+    /// The newest reference that was asked for, through the filter of the set point.
+    #[must_use]
+    pub fn asked(&self) -> Micrometres {
+        Micrometres::from_bits(self.window.asked())
+    }
+
     /// What the correction of the reference has learned.
     #[must_use]
     pub fn learner(&self) -> &LearnedFeedforward {

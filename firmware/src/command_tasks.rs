@@ -15,7 +15,7 @@ use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::{
     command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock,
-    telemetry, trace_tasks, update_state,
+    telemetry, temperature, trace_tasks, update, update_state,
 };
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
@@ -126,6 +126,7 @@ fn refusal_text(refusal: Refusal) -> &'static str {
             "not conditioned since the start or the last fault: `condition`, or `conditioning waived`"
         }
         Refusal::BeyondLimits => "beyond the limits",
+        Refusal::NoInput => "no analogue set point is wired",
     }
 }
 
@@ -239,6 +240,9 @@ fn obey(line: &WaitingLine) {
                 control::powered(),
                 control::state().armed
             );
+            if let Some(now) = temperature::decicelsius() {
+                defmt::info!("part at {=i32} tenths of a degree Celsius", now);
+            }
             say_events();
             telemetry::say_loop();
             option_bytes::say();
@@ -252,6 +256,10 @@ fn obey(line: &WaitingLine) {
             Ok(()) => PROTECT.signal(()),
             Err(reason) => defmt::warn!("refused: {=str}", reason),
         },
+        Ok(Line::UpdateOlder) => answer(
+            "an image of a lower version may come until the restart",
+            update::let_older_come(),
+        ),
         Ok(Line::Capture(trigger, before, after)) => {
             answer("capture is armed", recorder::arm(trigger, before, after))
         }

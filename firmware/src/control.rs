@@ -9,7 +9,7 @@
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
@@ -21,13 +21,15 @@ use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::{HostWatch, Missed};
 use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_core::sensor_linearisation::SensorLinearisation;
+use hysteron_core::set_point::InputState;
 use hysteron_core::trace_frame::PackedSample;
 
 use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
-use crate::{event_log, safety_lines, task_clock};
+use crate::{event_log, safety_lines, task_clock, temperature};
 
 /// Samples on their way to the trace task: 12.8 ms at 20 kHz, 2.56 ms at 100 kHz. The task looks every
 /// 1.024 ms.
@@ -105,6 +107,10 @@ pub struct Control {
     pub last_cycles: Option<u32>,
     /// The amplifier's voltage monitor is wired.
     pub has_monitor: bool,
+    /// The analogue set point is wired.
+    pub has_set_point: bool,
+    /// Straightens the sensor, where it is bent.
+    pub linearisation: Option<SensorLinearisation>,
     /// What may act, whatever block and law say; `None` without an envelope, where nothing is driven.
     pub limit: Option<OutputLimit>,
     /// Times that the tick counter has begun again.
@@ -243,6 +249,8 @@ static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
 static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
+/// Part and amplifier are too hot for anything to be driven.
+static TOO_HOT: [AtomicBool; 2] = [const { AtomicBool::new(false) }; 2];
 /// An alarm forbids to adapt the gain.
 static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
 
@@ -311,6 +319,8 @@ static PUBLISHED: Published = Published([const { UnsafeCell::new(State::BEFORE_T
 static PUBLICATION: AtomicU32 = AtomicU32::new(0);
 
 /// The amplifier after the last tick.
+// Once, not at each of its sixty callers: a copy of the state takes 130 to 400 bytes.
+#[inline(never)]
 pub fn state() -> State {
     loop {
         let before = PUBLICATION.load(Ordering::Acquire);
@@ -337,12 +347,27 @@ fn publish(state: State) {
 
 /// What the amplifier's voltage monitor read, or [`NO_CODE`]. Beside [`State`], which every tick copies.
 static MONITOR_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
-/// The monitor gave nothing.
+/// What the analogue set point read, or [`NO_CODE`].
+static SET_POINT_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
+/// The converter gave nothing.
 const NO_CODE: u32 = u32::MAX;
 
 /// What the amplifier's voltage monitor read last.
 pub fn monitor_code() -> Option<u16> {
     u16::try_from(MONITOR_CODE.load(Ordering::Relaxed)).ok()
+}
+
+/// What the loop has of the analogue set point. Beside [`State`] as well.
+static INPUT_STATE: AtomicU8 = AtomicU8::new(InputState::Off as u8);
+
+/// What the loop has of the analogue set point.
+pub fn input_state() -> InputState {
+    InputState::from_number(INPUT_STATE.load(Ordering::Relaxed))
+}
+
+/// What the analogue set point read last.
+pub fn set_point_code() -> Option<u16> {
+    u16::try_from(SET_POINT_CODE.load(Ordering::Relaxed)).ok()
 }
 
 /// Whether whoever gives commands, on whatever channel, is still there.
@@ -435,6 +460,13 @@ pub fn hold_adaptation(held: bool) {
     ADAPTATION_HELD.store(held, Ordering::Relaxed);
 }
 
+/// Whether the part and the amplifier are too hot for anything to be driven.
+pub fn set_too_hot(part: bool, amplifier: bool) {
+    for (place, is_too_hot) in TOO_HOT.iter().zip([part, amplifier]) {
+        place.store(is_too_hot, Ordering::Relaxed);
+    }
+}
+
 /// A line came: the host is there.
 pub fn hear_host() {
     HOST.hear(ticks());
@@ -500,6 +532,8 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
     }
 }
 
+/// What [`TOO_HOT`] stops for.
+const HEAT: [Fault; 2] = [Fault::PartTooHot, Fault::AmplifierTooHot];
 /// At rest the drive's converter is set up anew every so many ticks less one, 0.1 to 0.2 s: its own supply
 /// may have failed without anybody seeing it.
 const RENEW_MASK: u32 = (SAMPLE_RATE_HZ / 10).next_power_of_two() - 1;
@@ -530,6 +564,10 @@ pub fn on_interrupt() {
     let overrun = control.overrun || skipped;
 
     let reading = control.front_end.read();
+    let reading = match &control.linearisation {
+        None => reading,
+        Some(linearisation) => reading.map(|code| linearisation.straighten(code)),
+    };
     // A stop has a path of its own, past everything that waits. The tasks that ask for it cannot interrupt
     // this.
     if STOP.load(Ordering::Acquire) {
@@ -554,14 +592,30 @@ pub fn on_interrupt() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    if Converters::HAS_MONITOR && control.has_monitor {
+    if temperature::IS_READ {
+        for (is_too_hot, fault) in TOO_HOT.iter().zip(HEAT) {
+            if is_too_hot.load(Ordering::Relaxed) {
+                control.amplifier.refuse(fault);
+            }
+        }
+    }
+    if Converters::HAS_MONITOR {
         let monitored = control.front_end.monitor();
-        MONITOR_CODE.store(monitored.map_or(NO_CODE, u32::from), Ordering::Relaxed);
-        control.amplifier.inspect_output(monitored);
+        if control.has_monitor {
+            MONITOR_CODE.store(monitored.map_or(NO_CODE, u32::from), Ordering::Relaxed);
+            control.amplifier.inspect_output(monitored);
+        }
+    }
+    if Converters::HAS_SET_POINT && control.has_set_point {
+        let code = control.front_end.set_point();
+        SET_POINT_CODE.store(code.map_or(NO_CODE, u32::from), Ordering::Relaxed);
+        control.amplifier.inspect_input(code);
+        INPUT_STATE.store(control.amplifier.input_state() as u8, Ordering::Relaxed);
     }
     control
         .amplifier
         .hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
+    control.front_end.end_read();
     let begin = DWT::cycle_count();
     let mut sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);

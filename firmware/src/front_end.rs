@@ -38,6 +38,10 @@ pub struct Wiring {
     pub drive_reads_back: bool,
     /// The amplifier's voltage monitor is wired.
     pub has_monitor: bool,
+    /// The analogue set point is wired.
+    pub has_set_point: bool,
+    /// The amplifier's temperature is.
+    pub has_amplifier_temperature: bool,
 }
 
 impl Wiring {
@@ -48,11 +52,13 @@ impl Wiring {
             reference_span_mv: envelope.reference_span_mv,
             drive_reads_back: envelope.drive_reads_back,
             has_monitor: envelope.monitor_span_uv > 0,
+            has_set_point: envelope.set_point_span_nm > 0,
+            has_amplifier_temperature: envelope.amplifier_span_decicelsius != 0,
         }
     }
 }
 
-/// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the
+/// Converters as the control interrupt sees them. Every call ends after a bounded time, whatever the
 /// converters do.
 pub trait FrontEnd {
     /// Name, as reported at start.
@@ -65,6 +71,8 @@ pub trait FrontEnd {
     const READS_BACK: bool;
     /// The part can read the amplifier's voltage monitor.
     const HAS_MONITOR: bool;
+    /// The part can read an analogue set point.
+    const HAS_SET_POINT: bool;
     /// Whether it can give and take codes of so many bits.
     fn has(bits: CodeBits) -> bool;
     /// Not started yet; codes have so many bits, which it has.
@@ -74,15 +82,26 @@ pub trait FrontEnd {
     fn start(&mut self, rest_code: Option<DriveCode>);
     /// The sensor's code sampled at the latest edge; `None` if the converter did not answer.
     fn read(&mut self) -> Option<SensorCode>;
+    /// Ends what [`FrontEnd::read`] has begun beside the sensor's code. As late as can be before the tick, so
+    /// that nothing waits for it.
+    #[inline(always)]
+    fn end_read(&mut self) {}
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: DriveCode) -> bool;
     /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not
     /// take that. The code that it was given last is in its register.
     fn renew(&mut self) -> bool;
     /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
-    /// conversion. `None` if its converter did not answer or is missing.
+    /// conversion, now and then of a temperature. `None` if its converter did not answer or is
+    /// missing.
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
+        None
+    }
+    /// What the analogue set point read during the last period, 65,536 codes; starts the next conversion.
+    /// `None` if its converter did not answer or is missing.
+    #[inline(always)]
+    fn set_point(&mut self) -> Option<u16> {
         None
     }
     /// Whether the register of the drive's converter held the code that was written last when the one

@@ -15,6 +15,7 @@ pub mod critical_section_below_control;
 pub mod event_log;
 pub mod fault;
 pub mod front_end;
+pub mod lights;
 pub mod log_channel;
 #[cfg(feature = "nucleo-g474re")]
 pub mod no_update;
@@ -31,6 +32,7 @@ pub mod stack;
 pub mod supply;
 pub mod task_clock;
 pub mod telemetry;
+pub mod temperature;
 pub mod trace_tasks;
 #[cfg(feature = "nucleo-h743zi")]
 pub mod update;

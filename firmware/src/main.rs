@@ -12,13 +12,14 @@ use hysteron_core::guard::Fault;
 use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::output_monitor::OutputMonitor;
 use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_core::set_point::SetPoint;
 use hysteron_core::trace_frame::PackedSample;
 use hysteron_firmware::board::{self, Board, Converters, Platform, SAMPLE_RATE_HZ};
 use hysteron_firmware::control::{self, COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
 use hysteron_firmware::front_end::{CodeBits, FrontEnd, Wiring};
 use hysteron_firmware::ring::{Consumer, Producer, Ring};
 use hysteron_firmware::{
-    command_port, command_tasks, event_log, fault, option_bytes, recorder, safety_lines,
+    command_port, command_tasks, event_log, fault, lights, option_bytes, recorder, safety_lines,
     sample_clock, serial_line, serial_port, settings, stack, supply, telemetry, trace_tasks,
     update, watchdog,
 };
@@ -117,6 +118,7 @@ async fn main(spawner: Spawner) {
     supply::watch();
     option_bytes::say();
     safety_lines::start();
+    lights::start();
     let bits = CodeBits::of(c);
     let mut front_end =
         Converters::new(bits, envelope.as_ref().map(Wiring::of).unwrap_or_default());
@@ -198,6 +200,9 @@ fn hand_over(
         if !envelope.closes_untested {
             amplifier.require_test();
         }
+        if let Some(input) = envelope.set_point() {
+            amplifier.wire_input(SetPoint::new(input));
+        }
         if let Some(monitor) = envelope.monitor(SAMPLE_RATE_HZ) {
             amplifier.watch_output(OutputMonitor::new(monitor));
         }
@@ -212,6 +217,9 @@ fn hand_over(
         commands,
         replies,
     } = ends;
+    let sensor_bits = amplifier.parameters().servo.converters.adc_bits;
+    let linearisation =
+        settings::envelope().and_then(|envelope| envelope.linearisation(sensor_bits));
     let limit = settings::envelope()
         .filter(|_| refused.is_none())
         .map(|envelope| OutputLimit::new(&envelope, amplifier.parameters()));
@@ -228,6 +236,8 @@ fn hand_over(
         late_cycles,
         last_cycles: None,
         has_monitor: settings::envelope().is_some_and(|envelope| envelope.monitor_span_uv > 0),
+        has_set_point: settings::envelope().is_some_and(|envelope| envelope.set_point_span_nm > 0),
+        linearisation,
         limit,
         turns: 0,
         latched: None,

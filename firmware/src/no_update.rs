@@ -3,6 +3,7 @@
 
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::{AuthenticationCode, ImageHeader};
+use hysteron_core::kept_events::Event;
 use hysteron_protocol::device::UpdateRefusal;
 
 /// An image of this board has no header that anybody reads.
@@ -14,6 +15,14 @@ pub fn running() -> Option<ImageHeader> {
 pub fn load() -> bool {
     false
 }
+
+/// Refuses.
+pub fn let_older_come() -> Result<(), &'static str> {
+    Err("this board has no room for a second image")
+}
+
+/// The log of faults has no place in this flash.
+pub fn kept_events(_: impl FnMut(u32, Event)) {}
 
 /// Nothing is kept of it.
 pub fn healthy() {}

@@ -17,8 +17,8 @@ use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
 use crate::{
-    control, event_log, option_bytes, recorder, serial_line, settings, telemetry, update,
-    update_state,
+    control, event_log, option_bytes, recorder, serial_line, settings, telemetry, temperature,
+    update, update_state,
 };
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
@@ -31,6 +31,7 @@ pub static WAVES: [AtomicI32; WAVE_MEMORY] = [const { AtomicI32::new(0) }; WAVE_
 pub struct Target;
 
 impl Device for Target {
+    #[inline(never)]
     fn view(&self) -> View {
         // All of one tick; for how long the error has been small is the trace task's, some ticks old.
         let (state, on_target_ticks) = (control::state(), telemetry::on_target_ticks());
@@ -41,6 +42,8 @@ impl Device for Target {
             adc_code: state.adc_code,
             dac_code: state.dac_code,
             monitor_code: control::monitor_code(),
+            set_point_code: control::set_point_code(),
+            input: control::input_state(),
             reference: state.reference,
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,
@@ -183,6 +186,8 @@ impl Device for Target {
             block_checksum,
             protection: option_bytes::protection(),
             adapted_gain_millionths: control::adapted_gain_millionths(),
+            part_decicelsius: temperature::decicelsius(),
+            amplifier_decicelsius: temperature::amplifier_decicelsius(),
         }
     }
 

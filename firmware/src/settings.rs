@@ -38,7 +38,7 @@ use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::{CodeBits, FrontEnd};
-use crate::{control, update_state};
+use crate::{control, temperature, update_state};
 
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
@@ -129,9 +129,12 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
     }
     if (envelope.drive_reads_back && !Converters::READS_BACK)
         || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR)
+        || (envelope.set_point_span_nm > 0 && !Converters::HAS_SET_POINT)
+        || (envelope.amplifier_span_decicelsius != 0
+            && !(Converters::HAS_MONITOR && temperature::IS_READ))
     {
         return Err(
-            "the drive's converter is to be read back or the output watched, and this board cannot",
+            "the drive's converter is to be read back, the output watched, a set point or a temperature read, and this board cannot at this sampling rate",
         );
     }
     Ok(())

@@ -4,15 +4,19 @@
 //! # How it works
 //! `UPD BEGIN` erases the room for the image and the journal, `UPD DATA` programs a flash word, `UPD COMMIT`
 //! compares the authentication code of what stands in flash with the one that the host names, and only then
-//! writes the request. The code is under a key in the boot stage's sector, which no command reads or writes; a
-//! board without one takes no image. The next start installs the image. Erase and program are bank 2's, and code runs from bank 1 and
-//! ITCM: neither ticks nor tasks wait. All of it is refused unless the power stage is off and the drive rests.
+//! writes the request, unless the image's version is lower than the running one's. The code is under a key in
+//! the boot stage's sector, which no command reads or writes; a board without one takes no image. The next
+//! start installs the image. Erase and program are bank 2's, and code runs from bank 1 and ITCM: neither ticks
+//! nor tasks wait. All of it is refused unless the power stage is off and the drive rests.
 //!
 //! An image that runs for the first time marks itself healthy after a second ([`healthy`]); until then every
 //! restart puts the previous image back.
+//!
+//! The sector of the journal also holds the log of faults ([`hysteron_core::kept_events`]), in its second half.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
@@ -21,12 +25,13 @@ use hysteron_core::firmware_update::{
     AuthenticationCode, H743ZI, HEADER_BYTES, HEADER_OFFSET, ImageHeader, MARKED, Mark, Progress,
     Request, UpdateKey, WORD_BYTES, Word, journal,
 };
+use hysteron_core::kept_events::{self, Event};
 use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::{UpdateRefusal, UpdateState};
 
 use crate::board::{Board, SAMPLE_RATE_HZ, flash};
 use crate::update_state::{is_busy, is_on_trial, set, state};
-use crate::{control, settings};
+use crate::{control, event_log, settings, task_clock};
 
 /// The board, as an image names it.
 const BOARD: &str = "NUCLEO-H743ZI2";
@@ -47,6 +52,16 @@ pub const HEADER: ImageHeader =
 static LENGTH: AtomicU32 = AtomicU32::new(0);
 static STORED: AtomicU32 = AtomicU32::new(0);
 static WANTED: Signal<ThreadModeRawMutex, Wanted> = Signal::new();
+/// Somebody at the probe lets an image of a lower version come, until the next restart.
+static OLDER_MAY_COME: AtomicBool = AtomicBool::new(false);
+
+/// The events of the log of faults stand in the second half of the journal's sector.
+const EVENTS: u32 = H743ZI.journal + H743ZI.sector_bytes / 2;
+const EVENT_PLACES: u32 = H743ZI.sector_bytes / 2 / WORD_BYTES as u32;
+/// The next place.
+static EVENT_PLACE: AtomicU32 = AtomicU32::new(EVENT_PLACES);
+/// Periods of the tasks' clock between two looks at the log, 0.1 s.
+const KEEPS_EVERY: u64 = 100;
 
 /// What [`updater`] does next.
 #[derive(Clone, Copy)]
@@ -111,6 +126,60 @@ pub fn load() -> bool {
         WANTED.signal(Wanted::Mark(Mark::Reported));
     }
     state == UpdateState::RolledBack && !reported
+}
+
+/// Lets an image of a lower version than the running one's come, until the next restart.
+pub fn let_older_come() -> Result<(), &'static str> {
+    OLDER_MAY_COME.store(true, Ordering::Relaxed);
+    Ok(())
+}
+
+/// Gives the events of the log of faults that stand in flash, in their order.
+pub fn kept_events(found: impl FnMut(u32, Event)) {
+    let free = kept_events::scan(
+        EVENT_PLACES,
+        |place| word(EVENTS + place * WORD_BYTES as u32),
+        found,
+    );
+    EVENT_PLACE.store(free, Ordering::Relaxed);
+}
+
+/// Writes the next event of the log to the flash, if nothing else is under way that needs it; whether another
+/// one may follow.
+async fn keep_event() -> bool {
+    let is_idle = matches!(
+        state(),
+        UpdateState::Nothing
+            | UpdateState::Confirmed
+            | UpdateState::NotInstalled
+            | UpdateState::RolledBack
+            | UpdateState::Refused(_)
+    ) && !settings::is_keeping();
+    let Some((number, event)) = event_log::next_to_keep().filter(|_| is_idle) else {
+        return false;
+    };
+    let place = EVENT_PLACE.load(Ordering::Relaxed);
+    if place < EVENT_PLACES {
+        // A place that was tried is not tried again: its word may be half written.
+        EVENT_PLACE.store(place + 1, Ordering::Relaxed);
+        let address = EVENTS + place * WORD_BYTES as u32;
+        if flash::write_word(address, &kept_events::record(number, event))
+            .await
+            .is_ok()
+        {
+            event_log::are_kept(number + 1);
+        }
+        return true;
+    }
+    if allowed().is_ok() {
+        // Nobody uses the amplifier: there is time for an erase.
+        set(UpdateState::Erasing);
+        set(match forget_journal().await {
+            Ok(()) => UpdateState::Nothing,
+            Err(reason) => UpdateState::Refused(reason),
+        });
+    }
+    false
 }
 
 /// This image has been healthy for a second.
@@ -202,7 +271,14 @@ fn received() -> u32 {
 #[embassy_executor::task]
 pub async fn updater() {
     loop {
-        let next = match WANTED.wait().await {
+        let wanted = match select(WANTED.wait(), task_clock::periods(KEEPS_EVERY)).await {
+            Either::First(wanted) => wanted,
+            Either::Second(()) => {
+                while keep_event().await {}
+                continue;
+            }
+        };
+        let next = match wanted {
             Wanted::Begin => make_room()
                 .await
                 .map(|()| UpdateState::Receiving { stored: 0 }),
@@ -244,14 +320,22 @@ fn key() -> Result<UpdateKey, &'static str> {
         .ok_or("the board has no key: it takes images over the debug probe")
 }
 
-/// Forgets what was before and erases the room for the image.
-async fn make_room() -> Result<(), &'static str> {
-    key()?;
+/// Erases the journal, and with it the events beside it, which are written again from the memory.
+async fn forget_journal() -> Result<(), &'static str> {
     // A request that is not one any more cannot come back while the sector is erased half.
     if journal(H743ZI.journal, word).1.is_some() {
         flash::write_word(H743ZI.journal, &MARKED).await?;
     }
+    event_log::are_kept(0);
     flash::erase_sector(H743ZI.journal).await?;
+    EVENT_PLACE.store(0, Ordering::Relaxed);
+    Ok(())
+}
+
+/// Forgets what was before and erases the room for the image.
+async fn make_room() -> Result<(), &'static str> {
+    key()?;
+    forget_journal().await?;
     for sector in (0..LENGTH.load(Ordering::Relaxed)).step_by(H743ZI.sector_bytes as usize) {
         flash::erase_sector(H743ZI.incoming + sector).await?;
     }
@@ -278,6 +362,12 @@ async fn request(code: AuthenticationCode) -> Result<(), &'static str> {
     let (length, header) = header(H743ZI.incoming).ok_or("it is no image of this project")?;
     if header.board != HEADER.board || header.front_end != HEADER.front_end || length > bytes {
         return Err("it is an image for another board or other converters");
+    }
+    let lowest = running().and_then(|running| running.release());
+    if header.release() < lowest && !OLDER_MAY_COME.load(Ordering::Relaxed) {
+        return Err(
+            "its version is lower than the running image's: `update older` at the probe allows it until a restart",
+        );
     }
     let request = Request { bytes, code };
     flash::write_word(H743ZI.journal, &request.word()).await?;

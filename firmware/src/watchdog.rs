@@ -5,7 +5,7 @@ use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use hysteron_core::guard::Fault;
 
 use crate::board::{Board, Platform};
-use crate::{control, fault, serial_port, task_clock, update, update_state};
+use crate::{control, fault, lights, serial_port, task_clock, temperature, update, update_state};
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
@@ -24,10 +24,14 @@ pub async fn watch() {
     Board::WATCHDOG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
     Board::WATCHDOG.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
     let mut last = control::ticks();
+    lights::show(&control::state());
     let (mut overruns, mut healthy, mut of_trial) = (control::overruns(), 0, 0);
     loop {
         task_clock::periods(WATCH_PERIODS).await;
-        let ticks = control::ticks();
+        let state = control::state();
+        lights::show(&state);
+        temperature::watch();
+        let ticks = state.ticks as u32;
         if ticks != last {
             Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
         }

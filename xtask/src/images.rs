@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use crate::workspace::root;
 use crate::{control_code, toolchain};
 
+/// Sampling rates of images beside the usual one, kHz.
+const FAST_RATES_KHZ: [u32; 2] = [50, 100];
+
 /// Builds every image, each kept under its own name.
 pub fn build() -> Result<(), String> {
     let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
@@ -45,14 +48,16 @@ pub fn build() -> Result<(), String> {
         ],
     )?;
     keep(toolchain::on_chip_image())?;
-    let fast = [("HYSTERON_SAMPLE_RATE_HZ", "100000")];
-    toolchain.build_with(
-        &toolchain::FIRMWARE,
-        &folder,
-        &["--bin", "hysteron-firmware"],
-        &fast,
-    )?;
-    keep(toolchain::fast_image())?;
+    for rate_khz in FAST_RATES_KHZ {
+        let rate_hz = format!("{rate_khz}000");
+        toolchain.build_with(
+            &toolchain::FIRMWARE,
+            &folder,
+            &["--bin", "hysteron-firmware"],
+            &[("HYSTERON_SAMPLE_RATE_HZ", &rate_hz)],
+        )?;
+        keep(toolchain::image_at(rate_khz))?;
+    }
     // With the boot stage: so both are built of the same dependencies.
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--workspace"])
 }
@@ -94,7 +99,7 @@ const MOST_RAM_BYTES: u64 = 75 * 1024;
 /// 1 KiB is filters, and the settings that are kept.
 const MOST_G474RE_RAM_BYTES: u64 = 46 * 1024;
 
-/// Stack of the control interrupt by its call graph: 1,460 on the NUCLEO-H743ZI2, 1,752 on the NUCLEO-G474RE.
+/// Stack of the control interrupt by its call graph: 1,460 on the NUCLEO-H743ZI2, 1,760 on the NUCLEO-G474RE.
 const MOST_STACK_BYTES: u64 = 2 * 1024;
 
 /// The control interrupt's code and the memory of every image.
@@ -110,11 +115,13 @@ pub fn check() -> Result<(), String> {
         &toolchain::on_chip_image(),
         nucleo_h743zi,
     )?;
-    check_image(
-        "NUCLEO-H743ZI2, 100 kHz",
-        &toolchain::fast_image(),
-        nucleo_h743zi,
-    )?;
+    for rate_khz in FAST_RATES_KHZ {
+        check_image(
+            &format!("NUCLEO-H743ZI2, {rate_khz} kHz"),
+            &toolchain::image_at(rate_khz),
+            nucleo_h743zi,
+        )?;
+    }
     check_image(
         "NUCLEO-G474RE",
         &toolchain::g474re_image(),

@@ -65,9 +65,9 @@ pub fn on_chip_image() -> PathBuf {
     image().with_file_name("hysteron-firmware-on-chip")
 }
 
-/// That of 100 kHz.
-pub fn fast_image() -> PathBuf {
-    image().with_file_name("hysteron-firmware-100khz")
+/// That of another sampling rate, kHz.
+pub fn image_at(rate_khz: u32) -> PathBuf {
+    image().with_file_name(format!("hysteron-firmware-{rate_khz}khz"))
 }
 
 /// That of the NUCLEO-G474RE.

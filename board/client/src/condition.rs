@@ -107,6 +107,15 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::DriveNotHeld) => {
             "The drive's converter holds another code than was written: look at its cable (SDO) and its supply, then clear (INI) and arm (ARM 1 1)."
         }
+        Some(Fault::PartTooHot) => {
+            "The board is too hot: look at its cooling, wait (DIA? 18 has its temperature), then clear (INI) and arm (ARM 1 1)."
+        }
+        Some(Fault::AmplifierTooHot) => {
+            "The amplifier is too hot or its temperature sensor is open: let it cool, look at its fan and the cable, then clear (INI)."
+        }
+        Some(Fault::SetPointOpen) => {
+            "The analogue set point is open or shorted: look at its cable and source, then clear (INI) and arm (ARM 1 1)."
+        }
         Some(Fault::UpdateRolledBack) => {
             "The new image did not run for a healthy second and the one before it is back: look at LOG?, then clear (INI)."
         }

@@ -39,6 +39,9 @@ const ENABLE_PIN: u32 = 14;
 /// That of the trigger output.
 const TRIGGER_PIN: u32 = 15;
 
+/// The lights LD1 to LD3, by port and pin.
+const LIGHTS: [(&str, u32); 3] = [("GPIOB", 0), ("GPIOE", 1), ("GPIOB", 14)];
+
 /// A line to the board that is fine while a contact closes it to ground, by its pin on port E.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -132,26 +135,54 @@ impl NucleoBoard {
 
     /// Sets the input that the amplifier's voltage monitor is on: PC0, channel 10 of ADC3, mV.
     pub fn set_monitor(&mut self, millivolts: u32) {
-        if let (Some(converter), Some(channel)) = (self.mcu.adc.get_mut(2), Channel::new(10)) {
+        self.set_input(2, 10, millivolts);
+    }
+
+    /// Sets the input that the analogue set point is on: PB1, channel 5 of ADC2, mV.
+    pub fn set_set_point(&mut self, millivolts: u32) {
+        self.set_input(1, 5, millivolts);
+    }
+
+    /// Sets the input that the amplifier's temperature is on: PF10, channel 6 of ADC3, mV.
+    pub fn set_amplifier_temperature(&mut self, millivolts: u32) {
+        self.set_input(2, 6, millivolts);
+    }
+
+    fn set_input(&mut self, converter: usize, channel: u8, millivolts: u32) {
+        if let (Some(converter), Some(channel)) =
+            (self.mcu.adc.get_mut(converter), Channel::new(channel))
+        {
             converter.set_input(channel, millivolts);
+        }
+    }
+
+    /// Changes the part's temperature, hundredths of a degree Celsius.
+    pub fn set_temperature(&mut self, centi_celsius: i32) {
+        for converter in &mut self.mcu.adc {
+            converter.set_temperature(centi_celsius);
         }
     }
 
     /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a
     /// resistor to ground on it.
     pub fn enables(&mut self) -> bool {
-        self.is_high(ENABLE_PIN)
+        self.is_high("GPIOE", ENABLE_PIN)
     }
 
     /// Whether the trigger output is high.
     pub fn triggers(&mut self) -> bool {
-        self.is_high(TRIGGER_PIN)
+        self.is_high("GPIOE", TRIGGER_PIN)
     }
 
-    /// Whether an output of port E is high.
-    fn is_high(&mut self, pin: u32) -> bool {
+    /// Which of the lights LD1 (green), LD2 (yellow) and LD3 (red) are on.
+    pub fn lights(&mut self) -> [bool; 3] {
+        LIGHTS.map(|(port, pin)| self.is_high(port, pin))
+    }
+
+    /// Whether a pin of a port is an output that is high.
+    fn is_high(&mut self, port: &str, pin: u32) -> bool {
         let bus = self.mcu.bus_mut();
-        let Some(slot) = bus.slot_of("GPIOE") else {
+        let Some(slot) = bus.slot_of(port) else {
             return false;
         };
         let registers = bus.slot_mut(slot).registers_mut();

@@ -1,6 +1,7 @@
 //! One run of the image: the emulated part, a probe that serves RTT every so often of virtual time, and the
 //! decoded log.
 
+use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -71,7 +72,15 @@ pub fn bench_envelope() -> SafetyEnvelope {
         monitor_span_uv: 0,
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
+        set_point_at_code_0_nm: 0,
+        set_point_span_nm: 0,
+        set_point_min_nm: 0,
+        set_point_max_nm: 0,
+        amplifier_at_code_0_decicelsius: 0,
+        amplifier_span_decicelsius: 0,
+        amplifier_most_decicelsius: 0,
         sensor_span_nm: 15_000,
+        sensor_corrections: [0; 15],
         jump_within_nm: 1_500,
         // Most runs are about something else than the self-test, which takes half a second.
         closes_untested: true,
@@ -212,6 +221,23 @@ pub enum Injection {
         /// To so much, mV.
         millivolts: u32,
     },
+    /// The analogue set point changes.
+    SetPoint {
+        /// To so much, mV.
+        millivolts: u32,
+    },
+    /// What the sensor of the amplifier's temperature gives changes.
+    AmplifierTemperature {
+        /// To so much, mV.
+        millivolts: u32,
+    },
+    /// The part gets warmer or colder.
+    Temperature {
+        /// To so much, hundredths of a degree Celsius.
+        centi_celsius: i32,
+    },
+    /// The part loses its supply and has it again: what the image does not initialise holds anything.
+    SupplyLost,
     /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
     Restart {
         /// Flags.
@@ -223,6 +249,10 @@ pub enum Injection {
 pub const WATCHDOG_FLAG: u64 = 1 << 26;
 /// RCC_RSR: brown-out.
 pub const BROWN_OUT_FLAG: u64 = 1 << 21;
+/// RCC_RSR: the supply was switched on.
+const SWITCHED_ON_FLAGS: u64 = 1 << 23 | BROWN_OUT_FLAG;
+/// What memory holds behind a loss of the supply.
+const ANYTHING: u64 = 0x5EED_F00D;
 
 impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
@@ -278,6 +308,8 @@ pub struct Outcome {
     pub enabled: Vec<(u64, bool)>,
     /// The same of the trigger output, as often as the log is read.
     pub triggered: Vec<(u64, bool)>,
+    /// The same of the lights LD1 (green), LD2 (yellow) and LD3 (red).
+    pub lights: Vec<(u64, [bool; 3])>,
     /// What the looks of [`Script::peeks`] saw.
     pub peeked: Vec<u64>,
     /// Restarts of the part during the run.
@@ -303,7 +335,15 @@ struct Taken {
     visits: Vec<(usize, u64)>,
     enabled: Vec<(u64, bool)>,
     triggered: Vec<(u64, bool)>,
+    lights: Vec<(u64, [bool; 3])>,
     peeked: Vec<u64>,
+}
+
+/// Notes what is seen at an instant if it is not what was seen last; everything begins low.
+fn note_change<T: Copy + PartialEq + Default>(seen: &mut Vec<(u64, T)>, at_ns: u64, now: T) {
+    if seen.last().map_or_else(T::default, |(_, last)| *last) != now {
+        seen.push((at_ns, now));
+    }
 }
 
 struct Probe {
@@ -319,6 +359,8 @@ struct Probe {
     next_read_ns: u64,
     sent_of_command: usize,
     taken: Arc<Mutex<Taken>>,
+    /// Memory that no start of the image initialises.
+    uninitialised: Range<u64>,
 }
 
 impl Probe {
@@ -481,6 +523,19 @@ impl Driver<NucleoBoard> for Probe {
                         self.detector_until_ns = Some(at_ns + DETECTOR_PULSE_NS);
                     }
                 }
+                Injection::SetPoint { millivolts } => session.board_mut().set_set_point(millivolts),
+                Injection::AmplifierTemperature { millivolts } => {
+                    session.board_mut().set_amplifier_temperature(millivolts)
+                }
+                Injection::Temperature { centi_celsius } => {
+                    session.board_mut().set_temperature(centi_celsius)
+                }
+                Injection::SupplyLost => {
+                    for address in self.uninitialised.clone().step_by(4) {
+                        let _ = host.write(address, Width::W32, ANYTHING);
+                    }
+                    restart(session, stop, SWITCHED_ON_FLAGS, host);
+                }
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
             self.next_injection += 1;
@@ -502,17 +557,12 @@ impl Driver<NucleoBoard> for Probe {
                 .board_mut()
                 .set_monitor(world.monitor_mv(is_enabled));
         }
-        let enables = session.board_mut().enables();
-        if let Ok(mut taken) = self.taken.lock()
-            && taken.enabled.last().is_some_and(|(_, last)| *last) != enables
-        {
-            taken.enabled.push((at_ns, enables));
-        }
-        let triggers = session.board_mut().triggers();
-        if let Ok(mut taken) = self.taken.lock()
-            && taken.triggered.last().is_some_and(|(_, last)| *last) != triggers
-        {
-            taken.triggered.push((at_ns, triggers));
+        let board = session.board_mut();
+        let (enables, triggers, lights) = (board.enables(), board.triggers(), board.lights());
+        if let Ok(mut taken) = self.taken.lock() {
+            note_change(&mut taken.enabled, at_ns, enables);
+            note_change(&mut taken.triggered, at_ns, triggers);
+            note_change(&mut taken.lights, at_ns, lights);
         }
         while let Some((_, bytes)) = self
             .script
@@ -560,6 +610,14 @@ impl Driver<NucleoBoard> for Probe {
             next.min(self.detector_until_ns.unwrap_or(u64::MAX)),
         ))
     }
+}
+
+/// Where a section of the image is; nowhere without it.
+fn section(image: &[u8], name: &str) -> Result<Range<u64>> {
+    let file = object::File::parse(image)?;
+    Ok(file.section_by_name(name).map_or(0..0, |section| {
+        section.address()..section.address() + section.size()
+    }))
 }
 
 /// The address of a function or a datum of the image.
@@ -817,6 +875,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         next_read_ns: first,
         sent_of_command: 0,
         taken: Arc::clone(&taken),
+        uninitialised: section(&bytes, ".uninit")?,
     };
     let mut start = Start::new(&images);
     start.semihosting = true;
@@ -870,6 +929,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         end,
         enabled: taken.enabled,
         triggered: taken.triggered,
+        lights: taken.lights,
         peeked: taken.peeked,
         resets,
         without_model,

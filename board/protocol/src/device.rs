@@ -9,6 +9,7 @@ use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
+use hysteron_core::set_point::InputState;
 use hysteron_core::trace_frame::TraceSample;
 
 /// The amplifier as of the last tick that is known.
@@ -26,6 +27,10 @@ pub struct View {
     pub dac_code: DriveCode,
     /// What the amplifier's voltage monitor reads, of 65,536; `None` without one, or if it did not answer.
     pub monitor_code: Option<u16>,
+    /// What the analogue set point reads, of 65,536; `None` without one, or if it did not answer.
+    pub set_point_code: Option<u16>,
+    /// What the loop has of it.
+    pub input: InputState,
     /// The reference, um with 24 fraction bits.
     pub reference: i32,
     /// Position at the sensor's code 0 as it was found last, um with 24 fraction bits.
@@ -125,6 +130,10 @@ pub struct DeviceDiagnosis {
     /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: the block does not let
     /// it.
     pub adapted_gain_millionths: u32,
+    /// The part's temperature, tenths of a degree Celsius; `None` where nothing has read it.
+    pub part_decicelsius: Option<i32>,
+    /// The amplifier's, in the same way.
+    pub amplifier_decicelsius: Option<i32>,
 }
 
 /// A fault of the past.

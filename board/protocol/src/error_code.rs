@@ -106,6 +106,7 @@ impl ErrorCode {
             (Refusal::NotArmed, _) => Self::NotArmed,
             (Refusal::NotTested, _) => Self::NotTested,
             (Refusal::BeyondLimits, _) => Self::Range,
+            (Refusal::NoInput, _) => Self::Axis,
         }
     }
 }

@@ -30,7 +30,7 @@ pub const COMMANDS: &str = "The following commands are valid:";
 /// The first line of `HDI?`.
 pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
-pub const DIAGNOSIS: [&str; 17] = [
+pub const DIAGNOSIS: [&str; 20] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
     "latched fault, 0: none (the numbers are in the manual)",
     "ticks with the sensor at or beyond its limits",
@@ -48,4 +48,7 @@ pub const DIAGNOSIS: [&str; 17] = [
     "alarms: 1 the amplitude at the resonance is above its alarm",
     "gain of the actuator over the model's as it was adapted, millionths, 0: it is not adapted",
     "1 the power stage is on, 2 armed, 3 both",
+    "temperature of the part, tenths of a degree Celsius, -10000: not read",
+    "analogue set point: 0 not followed, 1 followed, 2 held at its limit",
+    "temperature of the amplifier, tenths of a degree Celsius, -10000: not read",
 ];

@@ -62,6 +62,8 @@ pub enum DeviceParameter {
     DriveRms,
     /// Amplitude of the error at the resonance, nm.
     ResonanceAmplitude,
+    /// Channel that the closed loop follows; 0: none.
+    InputChannel,
     /// Of the filter of a signal.
     Filter(FilteredSignal, FilterItem),
     /// Period of the servo, s.
@@ -81,7 +83,13 @@ use FilteredSignal::{Sensor, SetPoint};
 
 impl DeviceParameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 37] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 38] = [
+        (
+            Self::InputChannel,
+            0x0600_0500,
+            "INT",
+            "ADC_Channel_for_Target_0:_none",
+        ),
         (
             Self::RangeMinimum,
             0x0700_0000,

@@ -63,6 +63,9 @@ pub type Piece = Vec<u8, PIECE_BYTES>;
 /// Wave tables.
 pub const WAVE_TABLES: usize = 4;
 
+/// Channel of the analogue set point.
+const SET_POINT_CHANNEL: u32 = 3;
+
 /// What is to be done next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {

@@ -15,6 +15,7 @@ use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
 use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::servo_parameters::LawParameters;
+use hysteron_core::set_point::{SetPoint, SetPointParameters};
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
 use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
@@ -38,6 +39,7 @@ struct Rig {
     block: Vec<u8>,
     brought: Brought,
     monitor_code: Option<u16>,
+    set_point_code: Option<u16>,
     restarts: u32,
     baud: u32,
     host_timeout: u32,
@@ -58,6 +60,7 @@ impl Rig {
                 .tick(self.bench.converter_scale().drive_v(self.acting));
             self.acting = self.latest.dac_code;
             let code = self.sensor.read_code(&self.plant);
+            self.amplifier.inspect_input(self.set_point_code);
             self.latest = self
                 .amplifier
                 .tick(self.sensor_is_there.then_some(code), false);
@@ -94,6 +97,8 @@ impl Device for Shared {
             adc_code: rig.latest.adc_code,
             dac_code: rig.latest.dac_code,
             monitor_code: rig.monitor_code,
+            set_point_code: rig.set_point_code,
+            input: rig.amplifier.input_state(),
             reference: rig.latest.reference,
             adc_zero: rig.amplifier.servo().parameters().converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
@@ -240,6 +245,8 @@ impl Device for Shared {
             railed_ticks: 7,
             block_checksum: 0xdead_beef,
             adapted_gain_millionths: 1_050_000,
+            part_decicelsius: Some(-85),
+            amplifier_decicelsius: Some(312),
             ..DeviceDiagnosis::default()
         }
     }
@@ -287,6 +294,7 @@ impl Table {
             sensor_is_there: true,
             block: Vec::new(),
             monitor_code: None,
+            set_point_code: None,
             brought: Brought::Nothing,
             restarts: 0,
             baud: 115_200,
@@ -727,12 +735,12 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 37);
+    assert_eq!(table.ask("SPA?").lines().count(), 38);
     assert_eq!(
         table.ask("SPA? 1 0x7F000009 1 0x7F00000A"),
         "1 0x7f000009=16 \n1 0x7f00000a=16\n"
     );
-    assert_eq!(table.ask("HPA?").lines().count(), 39);
+    assert_eq!(table.ask("HPA?").lines().count(), 40);
     assert_eq!(
         table.ask("SPA? 1 0x7F000001"),
         "1 0x7f000001=15.000000000\n"
@@ -955,8 +963,8 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
         table.ask("DIA?").lines().count() + 2,
         table.ask("HDI?").lines().count()
     );
-    assert_eq!(table.ask("DIA? 16"), "16=1050000\n");
-    table.tell("DIA? 18", 54);
+    assert_eq!(table.ask("DIA? 16 18 20"), "16=1050000 \n18=-85 \n20=312\n");
+    table.tell("DIA? 21", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
@@ -1150,7 +1158,15 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
         monitor_span_uv: 0,
         monitor_tolerance_mv: 0,
         monitor_lag_us: 0,
+        set_point_at_code_0_nm: 0,
+        set_point_span_nm: 0,
+        set_point_min_nm: 0,
+        set_point_max_nm: 0,
+        amplifier_at_code_0_decicelsius: 0,
+        amplifier_span_decicelsius: 0,
+        amplifier_most_decicelsius: 0,
         sensor_span_nm: 15_000,
+        sensor_corrections: [0; 15],
         jump_within_nm: 2_000,
         closes_untested: false,
     };
@@ -1195,6 +1211,51 @@ fn codes_of_both_converters_are_read_by_their_channel() {
     table.rig.0.borrow_mut().monitor_code = Some(7_281);
     assert_eq!(table.ask("TAD? 2"), "2=7281\n");
     table.tell("TAD? 3", 15);
+}
+
+#[test]
+fn an_analogue_set_point_is_followed_only_with_the_servo_on() {
+    let mut table = Table::ready();
+    let (follow, leave) = ("SPA 1 0x06000500 3", "SPA 1 0x06000500 0");
+    table.tell(follow, 15);
+    let wired = SetPointParameters::new(-1_000, 15_000, 1_000, 8_000);
+    let code = |um: f64| Some(((um + 1.0) / 15.0 * 65_536.0) as u16);
+    {
+        let mut rig = table.rig.0.borrow_mut();
+        rig.amplifier.wire_input(SetPoint::new(wired));
+        rig.set_point_code = code(4.0);
+    }
+    table.tell("VEL 1 500", 0);
+    for refused in ["SPA 1 0x06000500 2", "SPA 1 0x06000500 3 1 0x7F000020 735"] {
+        table.ask(refused);
+        assert_ne!(table.ask("ERR?"), "0\n", "{refused}");
+    }
+    let before = table.value("POS? 1");
+    table.tell(follow, 0);
+    table.run(20);
+    assert!((table.value("POS? 1") - before).abs() < 0.6, "no step");
+    table.run(2_000);
+    assert!((table.value("POS? 1") - 4.0).abs() < 0.02);
+    assert_eq!(table.ask("SPA? 1 0x06000500"), "1 0x6000500=3\n");
+    assert_eq!(table.ask("DIA? 19"), "19=1\n");
+    table.tell("MOV 1 5", 73);
+    table.rig.0.borrow_mut().set_point_code = code(12.0);
+    table.run(2_000);
+    assert!((table.value("POS? 1") - 8.0).abs() < 0.02);
+    assert_eq!(table.ask("DIA? 19"), "19=2\n");
+    // Where it has led to the loop stays, and goes on from there.
+    table.tell(leave, 0);
+    table.rig.0.borrow_mut().set_point_code = code(2.0);
+    table.run(500);
+    assert!((table.value("POS? 1") - 8.0).abs() < 0.02);
+    table.tell("MOV 1 6", 0);
+    table.tell(follow, 0);
+    table.rig.0.borrow_mut().set_point_code = Some(0);
+    table.run(10);
+    assert_eq!(table.ask("DIA? 1 2"), "1=3 \n2=36\n");
+    table.run(2_000);
+    table.tell("INI 1", 0);
+    table.tell(follow, 4001);
 }
 
 #[test]

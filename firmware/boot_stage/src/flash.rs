@@ -73,8 +73,10 @@ fn forget_damage() {
 }
 
 impl FlashInterface for Flash {
-    fn begin_reading() {
+    fn begin_reading(_: u32) -> bool {
         forget_damage();
+        // Every operation was waited for.
+        true
     }
 
     fn end_reading() -> bool {

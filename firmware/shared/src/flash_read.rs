@@ -7,7 +7,8 @@
 //! processor ignores a bus error (Armv7-M, B3.2.8) and notes it in CFSR; what the flash interface notes, and
 //! what becomes of an NMI, the board knows ([`FlashInterface`]). Both are looked at after each piece.
 //! FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its
-//! entry may vary, and sampling and latching are hardware's.
+//! entry may vary, and sampling and latching are hardware's. A bank that is written would make it seconds, so
+//! nothing is read of it then.
 
 use core::arch::asm;
 
@@ -15,8 +16,9 @@ use cortex_m::peripheral::SCB;
 
 /// What the part's flash interface notes while it is read.
 pub trait FlashInterface {
-    /// Before flash is read that may be damaged.
-    fn begin_reading();
+    /// Before flash at `address` is read that may be damaged; `false` while its bank is written, when a read
+    /// would hold up the control interrupt until that has ended.
+    fn begin_reading(address: u32) -> bool;
     /// Behind it: whether the interface has met a double ECC error.
     fn end_reading() -> bool;
 }
@@ -51,7 +53,9 @@ pub fn copy<F: FlashInterface>(address: u32, into: &mut [u8]) -> Result<(), Unre
 }
 
 fn word_at<F: FlashInterface>(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
-    F::begin_reading();
+    if !F::begin_reading(address) {
+        return None;
+    }
     let mut word = [0; WORD_BYTES / 4];
     // SAFETY: the system control block's registers are there, and only thread code touches these two.
     let control = unsafe { &*SCB::PTR };

@@ -12,6 +12,7 @@ use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
 use crate::front_end::FrontEnd;
+use crate::lights::Light;
 
 /// Control ticks per second, which build.rs has from the environment.
 pub const SAMPLE_RATE_HZ: u32 = match u32::from_str_radix(env!("HYSTERON_SAMPLE_RATE_HZ"), 10) {
@@ -37,6 +38,8 @@ pub trait Platform: FlashInterface {
     type Converters: FrontEnd;
     /// The lines that make a bench safe.
     const LINES: Lines;
+    /// The lights of the board.
+    const LIGHTS: &'static [Light];
     /// The independent watchdog.
     const WATCHDOG: Iwdg;
     /// The serial port's interrupt.
@@ -74,8 +77,16 @@ pub trait Platform: FlashInterface {
     fn clock_sample_timer();
     /// The clocks of the ports of [`Platform::LINES`], read back.
     fn clock_lines();
+    /// The clocks of the ports of [`Platform::LIGHTS`], read back.
+    fn clock_lights();
     /// What the reset flags say; clears them.
     fn reset_cause() -> ResetCause;
+
+    /// The part's temperature of a code of its sensor, tenths of a degree Celsius; `None` on a board that reads
+    /// none.
+    fn part_decicelsius(_code: u16) -> Option<i32> {
+        None
+    }
 
     /// The serial port that the debugger on the board makes a virtual COM port of.
     ///

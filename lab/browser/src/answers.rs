@@ -2,12 +2,12 @@
 
 use crate::recording::{ColumnChoice, UploadedRecording};
 use hysteron::analyse::Outcome;
+use hysteron::dataset::issue_words;
 use hysteron::diagnosis::residual_map::{drive_features, residual_by_feature};
 use hysteron::diagnosis::words;
 use hysteron::figures::FitFigures;
 use hysteron::identification::linearisation::fill_left_out;
 use hysteron::identification::noise_floor::NoiseFloor;
-use hysteron::quality;
 use hysteron::watch::WatchEvent;
 use hysteron::{Dataset, Record};
 use hysteron_report::explain_report;
@@ -237,7 +237,7 @@ pub fn explanation(found: &Outcome, dataset: &Dataset, figures: &FitFigures) -> 
         json: json!({
             "verdict": d.verdict.word(), "sentence": d.sentence, "named": d.named,
             "findings": d.findings, "changed": words::changed(&d.changed), "reason": d.reason, "remainder": d.remainder,
-            "issues": d.issues.iter().map(quality::words::sentence).collect::<Vec<_>>(),
+            "issues": d.issues.iter().map(issue_words::sentence).collect::<Vec<_>>(),
             "candidates": candidates.collect::<Vec<_>>(), "steps": steps.collect::<Vec<_>>(), "curves": curves,
             "cannot_identify": figures.cannot_identify, "warnings": figures.warnings,
             "next_experiment": found.next_experiment.as_ref().map(|n| json!({ "sentence": n.sentence, "csv": n.proposal.csv() })),

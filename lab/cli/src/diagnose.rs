@@ -8,7 +8,7 @@ use crate::read_arguments::ReadArguments;
 use crate::tables::{say_candidates, say_next, say_notes, say_stopped};
 use hysteron::Result;
 use hysteron::analyse::{Start, analyse};
-use hysteron::diagnosis::words::nm;
+use hysteron::phrases::nm;
 use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
 

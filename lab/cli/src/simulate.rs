@@ -5,8 +5,8 @@ use crate::read_arguments::ReadArguments;
 use crate::tables::say_notes;
 use hysteron::dataset::PlayedDrive;
 use hysteron::dataset::reading::drive_of_file;
-use hysteron::diagnosis::words::nm;
 use hysteron::origin::{Initial, Way, sample_rate_hz};
+use hysteron::phrases::nm;
 use hysteron::{Drive, Error, InitialState, Model, Result};
 use std::path::Path;
 

@@ -1,9 +1,10 @@
 //! Tables on the screen.
 
 use crate::arguments::Outputs;
-use hysteron::diagnosis::words::{nm, why};
+use hysteron::diagnosis::words::why;
 use hysteron::figures::{FitFigures, StepFigures};
 use hysteron::outcome::{Diagnosis, Verdict};
+use hysteron::phrases::nm;
 use hysteron::replay::lines;
 use hysteron_sim::chain::Model;
 use std::path::Path;

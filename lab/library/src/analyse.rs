@@ -3,6 +3,7 @@
 //! Every front end calls [`analyse`].
 
 use crate::dataset::Dataset;
+use crate::dataset::issue::{Issue, Severity};
 use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::closure::close;
 use crate::diagnosis::findings::{Fits, Weighed, names_and_open, test_slots, weigh};
@@ -16,7 +17,7 @@ use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
 use crate::diagnosis::searched_data::for_evidence;
-use crate::diagnosis::selection::least_difference_um;
+use crate::diagnosis::selection::{self, least_difference_um};
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -31,7 +32,8 @@ use crate::identify::require_chain;
 use crate::origin::{note_origin, read_as_recorded};
 use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
 use crate::parallel;
-use crate::quality::{self, End, Issue, Moment, Severity};
+use crate::phrases;
+use crate::quality::{self, End, Moment};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::quantisation::{self, Quantisation};
@@ -533,17 +535,12 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let weighed = weigh(&mut pool, &mut minimal)?;
     let [weighed, open] = names_and_open(weighed, Some(&ablated), &study.policy);
     let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
-    let end = end_of(&pool, &minimal);
     study.watch.event(&WatchEvent::Doing("fitting to the end"));
-    let mut thorough = study.thoroughly(&end.judged.model);
+    let end = selection::end(&mut pool, &minimal);
+    let mut end_judged = study.judged(end.judged.model.clone());
     if study.searched_beginnings() {
-        thorough = with_creep_of_the_whole(study, thorough);
+        end_judged = with_creep_of_the_whole(study, end_judged);
     }
-    let end_judged = if thorough.identify_rms_um.is_finite() {
-        thorough
-    } else {
-        study.judged(end.judged.model.clone())
-    };
     let origin: Vec<Move> = pool.origin.clone();
     let added: Vec<String> = end
         .added()
@@ -660,26 +657,6 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
     let again = study.begun_again(&best.judged)?;
     pool.keep(Entry::new(study, best.moves, again, true));
     Ok(())
-}
-
-/// The model at the end: the best of those that have all that one of the simplest has, where every move must
-/// lower the error by the margin at the noise.
-fn end_of(pool: &Pool, minimal: &[String]) -> Entry {
-    let simplest: Vec<&Entry> = minimal.iter().map(|k| &pool.entries[k]).collect();
-    let margin = pool.study.policy.matters_at_noise;
-    let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
-    let has_all = |e: &&Entry| {
-        e.compared
-            && simplest
-                .iter()
-                .any(|s| s.moves.iter().all(|m| e.moves.contains(m)))
-    };
-    pool.entries
-        .values()
-        .filter(has_all)
-        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
-        .unwrap_or_else(|| pool.best())
-        .clone()
 }
 
 /// The simplest models as they are written: of those with the same moves the best.
@@ -801,7 +778,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         change: ModelChange::Start,
         judged: base.clone(),
     }];
-    let (moves, mut fitted) = match &simplest {
+    let (moves, fitted) = match &simplest {
         Some(entry) => {
             let told = study.judged(prior::all_free(&entry.judged.model, &base.model));
             let changed = entry.moves.iter().map(|m| match m {
@@ -865,7 +842,6 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         grown = grow(study, pool, &fitted, &loops)?;
         steps.extend(grown.steps.drain(..).skip(1));
         grown.tried = tried;
-        fitted = steps[steps.len() - 1].judged.clone();
     } else {
         let weighed = weigh(&mut pool, &mut minimal)?;
         [grown.weighed, grown.open] = names_and_open(weighed, None, &study.policy);
@@ -878,7 +854,6 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
             .cloned()
             .collect();
     }
-    let _ = fitted;
     // A new fit of everything is no value that has changed.
     let told = grown.simplest.first().filter(|e| e.held);
     grown.changed = told.map_or_else(Vec::new, |entry| {
@@ -948,7 +923,11 @@ fn next_experiment(
         has(&slot[1])?,
         &Limits::of(&dataset.overview()),
     )?;
-    let sentence = proposal.sentence(&words::spoken(&slot[0]), &words::spoken(&slot[1]), floor_um);
+    let sentence = proposal.sentence(
+        &phrases::spoken(&slot[0]),
+        &phrases::spoken(&slot[1]),
+        floor_um,
+    );
     Some(NextExperiment {
         between: [slot[0].clone(), slot[1].clone()],
         proposal,

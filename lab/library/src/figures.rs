@@ -11,6 +11,7 @@ use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::Diagnosis;
 use crate::parallel;
+use crate::phrases::nm;
 use crate::replay::{Replay, replays};
 use crate::statistics::largest;
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -113,12 +114,12 @@ impl FitFigures {
                 ("held-out", rms_um)
             });
         let noise = self.noise_floor_um.map_or_else(String::new, |floor_um| {
-            format!("; the noise is {} nm", words::nm(floor_um))
+            format!("; the noise is {} nm", nm(floor_um))
         });
         format!(
             "The model ({}) meets the {records} records within {} nm RMS{noise}.",
             self.effects.join(", "),
-            words::nm(rms_um)
+            nm(rms_um)
         )
     }
 }

@@ -80,6 +80,7 @@ pub mod outcome;
 #[doc(hidden)]
 mod parallel;
 #[doc(hidden)]
+pub mod phrases;
 pub mod prediction;
 #[doc(hidden)]
 pub mod quality;

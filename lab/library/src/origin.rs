@@ -3,12 +3,12 @@
 
 use crate::dataset::timing::Timing;
 use crate::dataset::{Dataset, PlayedDrive, Record, Role};
-use crate::diagnosis::words::nm;
 use crate::error::{Error, Result};
 use crate::identification::fit::rms_over;
 use crate::identification::linearisation::raw_residual;
 use crate::identification::nuisance_terms::{OwnAmounts, Samples};
 use crate::parallel;
+use crate::phrases::nm;
 use crate::prediction::{BAND_95, Prediction, calibrated, constant_moves_um, predict};
 use crate::replay::{files, whole};
 use crate::statistics::extremes;

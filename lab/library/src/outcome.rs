@@ -1,10 +1,11 @@
 //! What the main job comes to, as types (`hysteron.diagnosis/1`). [`crate::diagnosis::words`] alone makes
 //! sentences of them.
 
+use crate::dataset::issue::Issue;
 use crate::diagnosis::judgement::Judged;
+use crate::diagnosis::verdict::Reason;
 pub use crate::diagnosis::verdict::Verdict;
 use crate::identification::noise_floor::FloorEstimate;
-use crate::quality::{Issue, Reason};
 use serde::Serialize;
 
 /// Errors on fitted and held-out records, um RMS.

@@ -1,6 +1,36 @@
 //! Small statistics of signals.
 
-pub use crate::identification::fit::rms;
+/// Inner product, with four partial sums so that the compiler can vectorise it.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    let (a, b) = (&a[..n], &b[..n]);
+    let mut lanes = [0.0; 4];
+    let mut chunks_a = a.chunks_exact(4);
+    let mut chunks_b = b.chunks_exact(4);
+    for (x, y) in (&mut chunks_a).zip(&mut chunks_b) {
+        for i in 0..4 {
+            lanes[i] += x[i] * y[i];
+        }
+    }
+    let tail: f64 = chunks_a
+        .remainder()
+        .iter()
+        .zip(chunks_b.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    lanes[0] + lanes[1] + lanes[2] + lanes[3] + tail
+}
+
+/// Root mean square of a slice.
+#[must_use]
+pub fn rms(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        0.0
+    } else {
+        (dot(values, values) / values.len() as f64).sqrt()
+    }
+}
 
 /// Largest absolute value.
 #[must_use]

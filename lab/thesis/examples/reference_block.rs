@@ -2,8 +2,8 @@
 //! the reference bench, designs the servo, and writes the block.
 //!
 //! `cargo run --release --package hysteron-thesis --example reference_block --
-//! board/emulator/tests/p753.block`, and with `board/emulator/tests/p753_100khz.block 100000` the one for an
-//! image of 100 kHz.
+//! board/emulator/tests/p753.block`, and with `board/emulator/tests/p753_100khz.block 100000` or
+//! `board/emulator/tests/p753_50khz.block 50000` the one for an image of that rate.
 
 use hysteron::servo::amplifier_block::{
     FrontEnd, USUAL_SAMPLE_RATE_HZ, amplifier_parameters, block,

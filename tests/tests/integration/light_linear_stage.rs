@@ -6,6 +6,7 @@
 //! wherever the time constant of its creep lies.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
+use hysteron::dataset::issue::{IssueKind, Severity};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::{Split, judge};
 use hysteron::diagnosis::policy::Policy;
@@ -13,7 +14,7 @@ use hysteron::diagnosis::study::Study;
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::Verdict;
-use hysteron::quality::{self, End, IssueKind, Moment, Severity};
+use hysteron::quality::{self, End, Moment};
 use hysteron::statistics::mean;
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;

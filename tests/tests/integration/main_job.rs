@@ -5,12 +5,12 @@
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::folder;
+use hysteron::dataset::issue::IssueKind;
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::words::cannot_identify;
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
 use hysteron::outcome::Verdict;
-use hysteron::quality::IssueKind;
 use hysteron::synthetic::case::Truth;
 use hysteron::watch::{Unwatched, Watch, WatchEvent};
 use hysteron_sim::noise::WhiteNoise;

@@ -3,11 +3,11 @@
 
 use hysteron::Finding;
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::issue::{IssueKind, Severity};
 use hysteron::dataset::{Dataset, Role};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;
-use hysteron::quality::{IssueKind, Severity};
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::delay;

@@ -1,11 +1,13 @@
 //! Tests of the image on the emulated part: one program, so that dependencies are linked once.
 
+mod analogue_inputs;
 mod board_check;
 mod boot;
 mod closed_loop;
 mod commands;
 mod common;
 mod dangers;
+mod fault_log;
 mod faults;
 mod first_power_up;
 mod gain_adaptation;
@@ -18,6 +20,7 @@ mod record;
 mod sampling_rate;
 mod serial_port;
 mod sliding_mode;
+mod straight_sensor;
 mod swap;
 mod telemetry;
 mod tick_cost;

@@ -1,5 +1,5 @@
-//! The image that is built for 100 kHz closes the loop around the bench that is sampled as fast: what it reads
-//! and drives is the host's, to the last bit.
+//! The images that are built for 50 and 100 kHz close the loop around the bench that is sampled as fast: what
+//! they read and drive is the host's, to the last bit.
 
 use crate::common;
 use crate::output_path::{amplifier_with_filters, kept_filters};
@@ -15,20 +15,47 @@ use hysteron_emulator::run::{
 };
 use hysteron_sim::bench::{Bench, Variant};
 
-const RATE_HZ: u32 = 100_000;
-const PERIOD_NS: u64 = 10_000;
-/// Core cycles in a period, and with them instructions.
-const CYCLES: u64 = 4_000;
+/// Cycles of the core in a second, and with them instructions.
+const CORE_HZ: u64 = 400_000_000;
 
-fn fast_bench() -> Bench {
-    let mut bench = Bench::reference().expect("the bench");
-    bench.converters.sample_rate_hz = RATE_HZ.into();
-    bench
+/// A sampling rate, with its image and its block: `lab/thesis/examples/reference_block.rs` designed it for the
+/// reference bench.
+#[derive(Clone, Copy)]
+struct Rate {
+    hz: u32,
+    image: &'static str,
+    block: &'static [u8],
 }
 
-/// Designed for the reference bench: `lab/thesis/examples/reference_block.rs` wrote the file.
-fn fast_parameters() -> AmplifierParameters {
-    read(include_bytes!("../p753_100khz.block"), RATE_HZ).expect("a valid block")
+const AT_50_KHZ: Rate = Rate {
+    hz: 50_000,
+    image: "hysteron-firmware-50khz",
+    block: include_bytes!("../p753_50khz.block"),
+};
+const AT_100_KHZ: Rate = Rate {
+    hz: 100_000,
+    image: "hysteron-firmware-100khz",
+    block: include_bytes!("../p753_100khz.block"),
+};
+
+impl Rate {
+    fn period_ns(self) -> u64 {
+        1_000_000_000 / u64::from(self.hz)
+    }
+
+    fn cycles(self) -> u64 {
+        CORE_HZ / u64::from(self.hz)
+    }
+
+    fn bench(self) -> Bench {
+        let mut bench = Bench::reference().expect("the bench");
+        bench.converters.sample_rate_hz = self.hz.into();
+        bench
+    }
+
+    fn parameters(self) -> AmplifierParameters {
+        read(self.block, self.hz).expect("a valid block")
+    }
 }
 
 fn board(world: &hysteron_emulator::converters::SharedWorld) -> NucleoBoard {
@@ -50,7 +77,7 @@ impl Equipment {
     fn most_cycles(self) -> u64 {
         match self {
             Self::None => 3_600,
-            Self::All => 3_960,
+            Self::All => 3_700,
         }
     }
 }
@@ -64,13 +91,13 @@ const COMMANDS: [(u32, &str); 4] = [
 ];
 
 /// So many ticks on the host: what it did, and its codes.
-fn on_the_host(equipment: Equipment, ticks: u32) -> (Vec<TraceSample>, World) {
-    let parameters = fast_parameters();
+fn on_the_host(rate: Rate, equipment: Equipment, ticks: u32) -> (Vec<TraceSample>, World) {
+    let parameters = rate.parameters();
     let amplifier = match equipment {
         Equipment::None => Amplifier::new(parameters),
         Equipment::All => amplifier_with_filters(&parameters),
     };
-    let mut world = World::new(&fast_bench(), Variant::FULL, 7);
+    let mut world = World::new(&rate.bench(), Variant::FULL, 7);
     (
         host_run_of(amplifier, &mut world, &COMMANDS, ticks as usize),
         world,
@@ -79,12 +106,12 @@ fn on_the_host(equipment: Equipment, ticks: u32) -> (Vec<TraceSample>, World) {
 
 /// So many ticks of the closed loop on image and host, which must give the same codes. Returns what the host
 /// did.
-fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
-    let image = image_named("hysteron-firmware-100khz");
-    assert_eq!(sample_rate_hz(&image).expect("an image"), RATE_HZ);
-    let parameters = fast_parameters();
-    let world = World::new(&fast_bench(), Variant::FULL, 7).shared();
-    let end = u64::from(ticks) * PERIOD_NS;
+fn loop_at(rate: Rate, equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
+    let image = image_named(rate.image);
+    assert_eq!(sample_rate_hz(&image).expect("an image"), rate.hz);
+    let parameters = rate.parameters();
+    let world = World::new(&rate.bench(), Variant::FULL, 7).shared();
+    let end = u64::from(ticks) * rate.period_ns();
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
@@ -117,7 +144,7 @@ fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
         "{texts:?}"
     );
 
-    let (host, twin) = on_the_host(equipment, ticks);
+    let (host, twin) = on_the_host(rate, equipment, ticks);
     let world = world.lock().expect("the world");
     let differs = world
         .codes
@@ -146,10 +173,12 @@ fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
     // A timer count is two instructions; the interrupt is raised 200 counts after the edge.
     let slowest = number(&status, "slowest_counts") * 2;
     println!(
-        "tick at 100 kHz: {} instructions at most, {} on the mean; slowest interrupt {} instructions, ends {slowest} of {CYCLES} behind its edge; {} instructions in {} ms",
+        "tick at {} kHz: {} instructions at most, {} on the mean; slowest interrupt {} instructions, ends {slowest} of {} behind its edge; {} instructions in {} ms",
+        rate.hz / 1_000,
         number(&status, "most_tick_cycles"),
         number(&status, "recent_tick_cycles"),
         slowest - 400,
+        rate.cycles(),
         outcome.end.1,
         outcome.end.0 / MILLISECOND,
     );
@@ -158,15 +187,15 @@ fn loop_at_100_khz(equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
 }
 
 /// The error of what the sensor reads over the last half second, um RMS.
-fn error_of_the_reading_um(host: &[TraceSample]) -> f64 {
-    let parameters = fast_parameters();
+fn error_of_the_reading_um(rate: Rate, host: &[TraceSample]) -> f64 {
+    let parameters = rate.parameters();
     let c = &parameters.servo.converters;
     let error_um = |sample: &TraceSample| {
         let position = f64::from(c.adc_zero) / 2f64.powi(24)
             + f64::from(sample.adc_code) * c.adc_step as f64 / 2f64.powi(40);
         position - f64::from(sample.reference) / 2f64.powi(24)
     };
-    let last = &host[host.len() - 50_000..];
+    let last = &host[host.len() - rate.hz as usize / 2..];
     (last
         .iter()
         .map(|sample| error_um(sample).powi(2))
@@ -175,21 +204,30 @@ fn error_of_the_reading_um(host: &[TraceSample]) -> f64 {
         .sqrt()
 }
 
-#[test]
-fn a_loop_at_100_khz_gives_the_hosts_bits() {
-    let host = loop_at_100_khz(Equipment::None, 101_100);
-    let rms_um = error_of_the_reading_um(&host);
+fn follows_with_the_hosts_bits(rate: Rate) {
+    let host = loop_at(rate, Equipment::None, rate.hz + 1_100);
+    let rms_um = error_of_the_reading_um(rate, &host);
     println!("50 Hz, 3 um: {rms_um:.4} um RMS of the sensor's reading, noise included");
     assert!(rms_um < 0.03, "{rms_um} um");
 }
 
 #[test]
+fn a_loop_at_50_khz_gives_the_hosts_bits() {
+    follows_with_the_hosts_bits(AT_50_KHZ);
+}
+
+#[test]
+fn a_loop_at_100_khz_gives_the_hosts_bits() {
+    follows_with_the_hosts_bits(AT_100_KHZ);
+}
+
+#[test]
 fn a_loop_at_100_khz_with_filters_monitor_and_read_back_gives_the_hosts_bits() {
     let ticks = 60_000;
-    let host = loop_at_100_khz(Equipment::All, ticks);
+    let host = loop_at(AT_100_KHZ, Equipment::All, ticks);
     assert_ne!(
         host,
-        on_the_host(Equipment::None, ticks).0,
+        on_the_host(AT_100_KHZ, Equipment::None, ticks).0,
         "the filters are on"
     );
 }

@@ -222,6 +222,61 @@ fn operate(address: &Address) -> hysteron_client::Result<()> {
     Ok(())
 }
 
+/// The first words of this program under another version: all that the running image looks at.
+fn head(version: &[u8]) -> FirmwareImage {
+    let mut bytes = sent().bytes;
+    bytes.truncate(HEADER_OFFSET as usize + 96);
+    let (header, length) = (HEADER_OFFSET as usize, bytes.len() as u32);
+    bytes[header..header + 4].copy_from_slice(&length.to_le_bytes());
+    bytes[header + 48..header + 48 + version.len()].copy_from_slice(version);
+    FirmwareImage::from_bytes(bytes).expect("an image")
+}
+
+/// What brings an image once its room is there, with its own authentication code, and the question behind it.
+fn brings(image: &FirmwareImage) -> Vec<u8> {
+    let hexadecimal =
+        |bytes: &[u8]| -> String { bytes.iter().map(|byte| format!("{byte:02x}")).collect() };
+    let words = image.bytes.chunks(WORD_BYTES).enumerate();
+    let mut lines: String = words
+        .map(|(nth, word)| format!("UPD DATA {} {}\n", nth * WORD_BYTES, hexadecimal(word)))
+        .collect();
+    lines += &format!("UPD COMMIT {}\n", hexadecimal(&image.signed(&KEY)));
+    lines.into_bytes()
+}
+
+#[test]
+fn an_older_image_that_was_signed_comes_only_by_leave_of_the_probe() {
+    let (older, same) = (head(b"0.0.9\0"), head(b""));
+    let begin = format!("UPD BEGIN {}\n", older.bytes.len()).into_bytes();
+    // Two sectors are erased, then 1.1 KiB take 0.3 s.
+    let (erased, brought) = (4 * SECOND, 5 * SECOND);
+    let mut serial = Vec::new();
+    for (nth, image) in [&older, &same, &older].into_iter().enumerate() {
+        let from = nth as u64 * 6 * SECOND + 10 * MILLISECOND;
+        serial.extend([
+            (from, begin.clone()),
+            (from + erased, brings(image)),
+            (from + brought, b"UPD?\nERR?\n".to_vec()),
+        ]);
+    }
+    let outcome = run_with(Script {
+        serial,
+        commands: vec![(12 * SECOND, b"update older\n".to_vec())],
+        ..Script::listening(18 * SECOND)
+    });
+    let answers = text(&outcome);
+    let states: Vec<&str> = answers
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix("STATE="))
+        .collect();
+    assert!(
+        states.len() == 3 && states[0].starts_with("REFUSED its version is lower"),
+        "{answers}"
+    );
+    assert_eq!(states[1..], ["READY", "READY"], "{answers}");
+    assert_eq!(outcome.resets, 0);
+}
+
 /// The program stops in an endless loop before it feeds the watchdog.
 #[test]
 fn an_image_that_does_not_become_healthy_is_rolled_back() {

@@ -2,10 +2,11 @@
 
 use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::loop_telemetry::ResonanceWatch;
+use hysteron_core::set_point::InputState;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use super::filters::{change_filter, filter_value};
-use super::{Pending, Piece, Session, Step, WAVE_TABLES, micrometres, volts};
+use super::{Pending, Piece, SET_POINT_CHANNEL, Session, Step, WAVE_TABLES, micrometres, volts};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
@@ -27,6 +28,7 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn set_parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let mut filters = self.filters;
+        let mut input = None;
         loop {
             let (parameter, _) = Self::named_parameter(words)?;
             let value = words.number()?;
@@ -78,13 +80,19 @@ impl<D: Device + 'static> Session<D> {
                         ..self.device.resonance_watch()
                     })?;
                 }
+                DeviceParameter::InputChannel => input = Some(value / ONE),
                 DeviceParameter::Filter(signal, item) => {
                     change_filter(&mut filters[signal as usize], item, thousandths(value)?)
                 }
                 _ => return Err(ErrorCode::ReadOnly),
             }
             if !words.more() {
-                return self.tune_filters(filters);
+                // What the amplifier has to be asked for is asked one at a time.
+                return match input {
+                    None => self.tune_filters(filters),
+                    Some(_) if filters != self.filters => Err(ErrorCode::ParameterCount),
+                    Some(channel) => self.follow_input(channel),
+                };
             }
         }
     }
@@ -169,6 +177,13 @@ impl<D: Device + 'static> Session<D> {
             }
             DeviceParameter::DriveMaximum => {
                 exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS))
+            }
+            DeviceParameter::InputChannel => {
+                let channel = match self.device.view().input {
+                    InputState::Off => 0,
+                    InputState::Following | InputState::Limited => SET_POINT_CHANNEL,
+                };
+                return self.say(format_args!("1 {number:#x}={channel}"));
             }
             DeviceParameter::SensorBits => {
                 return self.say(format_args!("1 {number:#x}={}", c.adc_bits));

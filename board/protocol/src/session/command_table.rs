@@ -197,7 +197,7 @@ impl<D: Device + 'static> Session<D> {
         ("SVO?", "[<axis>] get the servo", Self::servo),
         (
             "TAD?",
-            "<channel> get a code: 1 of the sensor, 2 of the amplifier's voltage monitor (of 65536)",
+            "<channel> get a code: 1 of the sensor, 2 of the amplifier's voltage monitor, 3 of the analogue set point (of 65536)",
             Self::code,
         ),
         ("TMN?", "[<axis>] get the lowest position, um", Self::lowest),

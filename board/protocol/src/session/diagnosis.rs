@@ -9,17 +9,20 @@ use crate::words::Words;
 /// Speeds of the line that are taken, bit/s.
 const BAUD: core::ops::RangeInclusive<u32> = 9_600..=2_000_000;
 
+/// Tenths of a degree Celsius that no part has.
+const NOT_READ: i64 = -10_000;
+
 impl<D: Device + 'static> Session<D> {
     /// The values in the order of [`help::DIAGNOSIS`].
-    fn diagnosis_values(&self) -> [u64; help::DIAGNOSIS.len()] {
+    fn diagnosis_values(&self) -> [i64; help::DIAGNOSIS.len()] {
         let (view, counts, figures) = (
             self.device.view(),
             self.device.diagnosis(),
             self.device.loop_figures(),
         );
         [
-            view.mode as u64,
-            view.fault.map_or(0, |fault| fault as u64),
+            view.mode as i64,
+            view.fault.map_or(0, |fault| fault as i64),
             counts.railed_ticks.into(),
             counts.limited_ticks.into(),
             counts.saturated_values.into(),
@@ -27,14 +30,17 @@ impl<D: Device + 'static> Session<D> {
             counts.lost_samples.into(),
             counts.block_generation.into(),
             counts.block_checksum.into(),
-            view.tick,
+            view.tick as i64,
             view.conditioned.into(),
             counts.protection.into(),
             figures.windows.into(),
             figures.torn_windows.into(),
             figures.alarm.into(),
             counts.adapted_gain_millionths.into(),
-            u64::from(view.powered) | u64::from(view.armed) << 1,
+            i64::from(view.powered) | i64::from(view.armed) << 1,
+            counts.part_decicelsius.map_or(NOT_READ, i64::from),
+            view.input as i64,
+            counts.amplifier_decicelsius.map_or(NOT_READ, i64::from),
         ]
     }
 

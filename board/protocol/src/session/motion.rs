@@ -2,9 +2,10 @@
 
 use hysteron_core::amplifier::{Command, Mode};
 use hysteron_core::reference_generator::Waveform;
+use hysteron_core::set_point::InputState;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Volts};
 
-use super::{Generator, Meaning, Pending, Session, Trigger};
+use super::{Generator, Meaning, Pending, SET_POINT_CHANNEL, Session, Trigger};
 use crate::decimal::ONE;
 use crate::device::Device;
 use crate::error_code::ErrorCode;
@@ -82,6 +83,30 @@ impl<D: Device + 'static> Session<D> {
             ),
             Mode::Rest | Mode::Fault => {}
         }
+    }
+
+    /// Follows the analogue set point no faster than `VEL`, or stays where that has led to.
+    pub(super) fn follow_input(&mut self, channel: i64) -> Result<(), ErrorCode> {
+        if channel == 0 {
+            if self.device.view().input != InputState::Off {
+                self.stay();
+            }
+            return Ok(());
+        }
+        if channel != i64::from(SET_POINT_CHANNEL) {
+            return Err(ErrorCode::Axis);
+        }
+        let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
+        let step = (self.velocity / rate).clamp(1, i32::MAX.into()) as i32;
+        self.begin_motion();
+        let (first, last) = (
+            Command::FollowInput {
+                most_step: Micrometres::from_bits(step),
+            },
+            self.target,
+        );
+        self.command(first, None, Meaning::Wave { last, ticks: None });
+        Ok(())
     }
 
     pub(super) fn set_servo(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

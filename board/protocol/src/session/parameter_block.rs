@@ -87,6 +87,18 @@ impl<D: Device + 'static> Session<D> {
             "READ_BACK={}",
             u8::from(envelope.drive_reads_back)
         ))?;
+        if envelope.set_point_span_nm > 0 {
+            self.say(format_args!(
+                "SET_POINT={} {} nm",
+                envelope.set_point_min_nm, envelope.set_point_max_nm
+            ))?;
+        }
+        if envelope.amplifier_span_decicelsius != 0 {
+            self.say(format_args!(
+                "AMPLIFIER_TEMPERATURE={}",
+                envelope.amplifier_most_decicelsius
+            ))?;
+        }
         match envelope.monitor_span_uv {
             0 => self.say(format_args!("MONITOR=NONE")),
             _ => self.say(format_args!(

@@ -4,7 +4,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::firmware_update::text;
 use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 
-use super::{Pending, Session, micrometres, volts};
+use super::{Pending, SET_POINT_CHANNEL, Session, micrometres, volts};
 use crate::decimal::{Decimal, from_wide};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
@@ -73,6 +73,7 @@ impl<D: Device + 'static> Session<D> {
         let code = match channel {
             1 => view.adc_code.steps(),
             2 => view.monitor_code.ok_or(ErrorCode::Axis)?.into(),
+            SET_POINT_CHANNEL => view.set_point_code.ok_or(ErrorCode::Axis)?.into(),
             _ => return Err(ErrorCode::Axis),
         };
         self.say(format_args!("{channel}={code}"))

@@ -15,7 +15,7 @@ use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::usart::Lpuart;
-use embassy_stm32::pac::{EXTI, FLASH, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS, PWR, RCC};
+use embassy_stm32::pac::{EXTI, FLASH, GPIOA, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS, PWR, RCC};
 use embassy_stm32::rcc::{Hse, HseMode, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{Config as SerialConfig, ConfigError, Uart};
@@ -24,6 +24,7 @@ use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
 use crate::board::platform::{Lines, Platform, ResetCause};
+use crate::lights::Light;
 
 /// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block
 /// characteristics).
@@ -39,9 +40,11 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 pub struct NucleoG474re;
 
 impl FlashInterface for NucleoG474re {
-    fn begin_reading() {
+    fn begin_reading(_: u32) -> bool {
+        let idle = !FLASH.sr().read().bsy();
         DAMAGED.store(false, Ordering::Relaxed);
-        READING.store(true, Ordering::Release);
+        READING.store(idle, Ordering::Release);
+        idle
     }
 
     /// The NMI comes before the barrier behind the reading has ended.
@@ -68,6 +71,15 @@ impl Platform for NucleoG474re {
         enable: 8,
         trigger: 6,
     };
+    /// LD2, the only one: on while the power stage is, slow while the loop is closed, fast for a fault.
+    const LIGHTS: &'static [Light] = &[Light {
+        port: GPIOA,
+        pin: 5,
+        safe: 0,
+        armed: 0xFF,
+        closed: 0x0F,
+        fault: 0x55,
+    }];
     const WATCHDOG: Iwdg = IWDG;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.
@@ -133,6 +145,12 @@ impl Platform for NucleoG474re {
 
     fn clock_lines() {
         RCC.ahb2enr().modify(|w| w.set_gpiocen(true));
+        let _ = RCC.ahb2enr().read();
+        cortex_m::asm::dsb();
+    }
+
+    fn clock_lights() {
+        RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
         let _ = RCC.ahb2enr().read();
         cortex_m::asm::dsb();
     }

@@ -86,6 +86,7 @@ impl FrontEnd for OnChipConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_000;
     const READS_BACK: bool = false;
     const HAS_MONITOR: bool = false;
+    const HAS_SET_POINT: bool = false;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac

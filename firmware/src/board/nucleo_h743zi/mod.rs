@@ -4,20 +4,22 @@
 //! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 and the voltage
 //! monitor have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
+mod analogue_inputs;
 pub mod flash;
 #[cfg(feature = "on-chip-converters")]
 mod on_chip_converters;
 mod option_bytes;
 #[cfg(not(feature = "on-chip-converters"))]
+mod set_point_input;
+#[cfg(not(feature = "on-chip-converters"))]
 mod spi_converters;
-mod voltage_monitor;
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::usart::Lpuart;
-use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
+use embassy_stm32::pac::{EXTI, FLASH, GPIOB, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
 use embassy_stm32::rcc::mux::{Adcsel, Saisel};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
@@ -30,18 +32,29 @@ use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
 use crate::board::platform::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
+use crate::lights::Light;
 
 /// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
 const LEVEL_2V76: u8 = 6;
 /// The detector's line of the EXTI (RM0433, table 150).
 const DETECTOR_LINE: usize = 16;
 
+/// What the temperature's sensor gives at 30 and 110 degrees Celsius, where the maker has written it
+/// (DS12110, table 181), and the typical 0.62 V and 2 mV a degree (table 180).
+const TEMPERATURE_WORDS: [u32; 2] = [0x1FF1_E820, 0x1FF1_E840];
+const TYPICAL_WORDS: [u16; 2] = [12_313, 15_490];
+
+/// A light that shines all the time.
+const ON: u8 = 0xFF;
+
 /// The board.
 pub struct NucleoH743zi;
 
 impl FlashInterface for NucleoH743zi {
-    fn begin_reading() {
+    fn begin_reading(address: u32) -> bool {
         FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+        let status = FLASH.bank(1).sr().read();
+        address < Self::DATA_BANK.0 || !(status.qw() || status.bsy())
     }
 
     /// The read itself ends in a bus error too (RM0433, 4.7.7).
@@ -73,6 +86,34 @@ impl Platform for NucleoH743zi {
         enable: 14,
         trigger: 15,
     };
+    /// LD1, green: nothing can move, or the loop is closed. LD2, yellow: the power stage is on. LD3, red: a
+    /// fault.
+    const LIGHTS: &'static [Light] = &[
+        Light {
+            port: GPIOB,
+            pin: 0,
+            safe: ON,
+            armed: 0,
+            closed: ON,
+            fault: 0,
+        },
+        Light {
+            port: GPIOE,
+            pin: 1,
+            safe: 0,
+            armed: ON,
+            closed: ON,
+            fault: 0,
+        },
+        Light {
+            port: GPIOB,
+            pin: 14,
+            safe: 0,
+            armed: 0,
+            closed: 0,
+            fault: ON,
+        },
+    ];
     const WATCHDOG: Iwdg = IWDG1;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
@@ -153,6 +194,15 @@ impl Platform for NucleoH743zi {
         cortex_m::asm::dsb();
     }
 
+    fn clock_lights() {
+        RCC.ahb4enr().modify(|w| {
+            w.set_gpioben(true);
+            w.set_gpioeen(true);
+        });
+        let _ = RCC.ahb4enr().read();
+        cortex_m::asm::dsb();
+    }
+
     fn reset_cause() -> ResetCause {
         let flags = RCC.rsr().read();
         RCC.rsr().modify(|w| w.set_rmvf(true));
@@ -161,6 +211,18 @@ impl Platform for NucleoH743zi {
             software: flags.sftrstf(),
             brown_out: flags.borrstf() && !flags.porrstf(),
         }
+    }
+
+    fn part_decicelsius(code: u16) -> Option<i32> {
+        // SAFETY: words of the system memory, which nothing writes.
+        let words = TEMPERATURE_WORDS.map(|at| unsafe { (at as *const u16).read_volatile() });
+        let [cold, hot] = if words[0] < words[1] {
+            words
+        } else {
+            TYPICAL_WORDS
+        };
+        let (code, cold, hot) = (i32::from(code), i32::from(cold), i32::from(hot));
+        Some(300 + (code - cold) * 800 / (hot - cold).max(1))
     }
 
     /// USART3 on PD8 (transmit) and PD9 (receive).

@@ -20,7 +20,7 @@ use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use super::voltage_monitor;
+use super::analogue_inputs::MonitorAndTemperatures;
 use crate::board::triggered_converters;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
@@ -37,7 +37,7 @@ const CYCLES_PER_US: u32 = 400;
 pub struct OnChipConverters {
     /// From a drive's code to the converter's own.
     shift: u8,
-    has_monitor: bool,
+    inputs: MonitorAndTemperatures,
 }
 
 /// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost
@@ -70,6 +70,7 @@ impl FrontEnd for OnChipConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_500;
     const READS_BACK: bool = false;
     const HAS_MONITOR: bool = true;
+    const HAS_SET_POINT: bool = false;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
@@ -78,14 +79,12 @@ impl FrontEnd for OnChipConverters {
     fn new(bits: CodeBits, wiring: Wiring) -> Self {
         Self {
             shift: Self::BITS.dac.saturating_sub(bits.dac),
-            has_monitor: wiring.has_monitor,
+            inputs: MonitorAndTemperatures::new(wiring),
         }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
-        if self.has_monitor {
-            voltage_monitor::start();
-        }
+        self.inputs.start();
         enable_clocks();
         for pin in [3, 4] {
             GPIOA.moder().modify(|w| w.set_moder(pin, Moder::ANALOG));
@@ -150,11 +149,7 @@ impl FrontEnd for OnChipConverters {
 
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
-        if self.has_monitor {
-            voltage_monitor::read()
-        } else {
-            None
-        }
+        self.inputs.read()
     }
 
     fn force(&mut self, code: DriveCode) {

@@ -16,8 +16,9 @@
 //! between frames.
 //!
 //! # Read back
-//! A frame that asks for the register goes out while the sensor's word comes in; the next frame, which
-//! writes the new code, brings the register's content. It must be the code that was written before.
+//! A frame that asks for the register goes out while the sensor's word and what the tick needs besides come
+//! in; the next frame, which writes the new code, brings the register's content. It must be the code that was
+//! written before. The tick stands between the two frames, so SYNC is high for long enough.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
@@ -27,7 +28,8 @@ use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use super::voltage_monitor;
+use super::analogue_inputs::MonitorAndTemperatures;
+use super::set_point_input;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
@@ -73,13 +75,14 @@ pub struct SpiConverters {
     control: u32,
     /// The drive's SDO is wired.
     reads_back: bool,
-    /// The frame before this one asked for the register.
+    /// A frame that asks for the register has begun, or was the last one.
     asked: bool,
     /// What the register was given last.
     written: Option<u32>,
     /// The register held it.
     holds: bool,
-    has_monitor: bool,
+    inputs: MonitorAndTemperatures,
+    has_set_point: bool,
 }
 
 /// The control register for references that are so far apart.
@@ -247,6 +250,7 @@ impl FrontEnd for SpiConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_000;
     const READS_BACK: bool = true;
     const HAS_MONITOR: bool = true;
+    const HAS_SET_POINT: bool = true;
 
     fn has(bits: CodeBits) -> bool {
         matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
@@ -266,13 +270,15 @@ impl FrontEnd for SpiConverters {
             asked: false,
             written: None,
             holds: true,
-            has_monitor: wiring.has_monitor,
+            inputs: MonitorAndTemperatures::new(wiring),
+            has_set_point: wiring.has_set_point,
         }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
-        if self.has_monitor {
-            voltage_monitor::start();
+        self.inputs.start();
+        if self.has_set_point {
+            set_point_input::start_input();
         }
         enable_clocks();
         hold_lines();
@@ -299,16 +305,19 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn read(&mut self) -> Option<SensorCode> {
-        let asks = self.reads_back && self.written.is_some();
-        if asks {
+        self.asked = self.reads_back && self.written.is_some();
+        if self.asked {
             begin_frame(READ_DAC);
         }
-        let reading = self.sensor();
-        if asks {
+        self.sensor()
+    }
+
+    #[inline(always)]
+    fn end_read(&mut self) {
+        if self.asked {
             self.asked = end_frame();
             let _ = SPI3.rxdr32().read();
         }
-        reading
     }
 
     #[inline(always)]
@@ -326,11 +335,12 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn monitor(&mut self) -> Option<u16> {
-        if self.has_monitor {
-            voltage_monitor::read()
-        } else {
-            None
-        }
+        self.inputs.read()
+    }
+
+    #[inline(always)]
+    fn set_point(&mut self) -> Option<u16> {
+        set_point_input::read()
     }
 
     #[inline(always)]

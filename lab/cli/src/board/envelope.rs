@@ -7,6 +7,7 @@ use hysteron::Result;
 use hysteron_core::codes::DriveCode;
 use hysteron_core::firmware_update::text;
 use hysteron_core::safety_envelope::{ENVELOPE_BYTES, SafetyEnvelope, fingerprint, read, write};
+use hysteron_core::sensor_linearisation::POINTS;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -39,6 +40,9 @@ struct EnvelopeFile {
     healthy_s: f64,
     /// Positions of all codes of the sensor.
     sensor_span_um: f64,
+    /// What a reading lacks at every sixteenth of the sensor's span but its ends; empty: the sensor is straight.
+    #[serde(default)]
+    sensor_corrections_um: Vec<f64>,
     /// Largest change of a reading in a tick that a block calls honest.
     sensor_jump_um: f64,
     /// A bench without a stage: a loop may be closed that no self-test has tried.
@@ -51,6 +55,30 @@ struct EnvelopeFile {
     drive_reads_back: bool,
     /// The amplifier's voltage monitor, where it is wired.
     monitor: Option<MonitorFile>,
+    /// The analogue set point, where it is wired.
+    set_point: Option<SetPointFile>,
+    /// The amplifier's temperature, where its sensor is wired.
+    amplifier_temperature: Option<TemperatureFile>,
+}
+
+/// How the sensor of the amplifier's temperature is wired, and what it may read.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TemperatureFile {
+    celsius_at_lowest_code: f64,
+    /// Less than at the lowest code where the voltage falls with the temperature.
+    celsius_beyond_highest_code: f64,
+    most_celsius: f64,
+}
+
+/// How the analogue set point is wired, and where it may lead to.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetPointFile {
+    position_at_lowest_code_um: f64,
+    position_beyond_highest_code_um: f64,
+    lowest_um: f64,
+    highest_um: f64,
 }
 
 /// How the amplifier's voltage monitor is wired.
@@ -83,6 +111,16 @@ impl EnvelopeFile {
                 .as_ref()
                 .map_or(0.0, |monitor| of(monitor).round())
         };
+        let set_point = |of: fn(&SetPointFile) -> f64| {
+            self.set_point
+                .as_ref()
+                .map_or(0.0, |input| (of(input) * 1e3).round())
+        };
+        let temperature = |of: fn(&TemperatureFile) -> f64| {
+            self.amplifier_temperature
+                .as_ref()
+                .map_or(0, |sensor| (of(sensor) * 10.0).round() as i32)
+        };
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
             name: padded(&self.name),
@@ -111,10 +149,33 @@ impl EnvelopeFile {
             }) as u32,
             monitor_tolerance_mv: monitor(|m| m.tolerance_v * 1e3) as u16,
             monitor_lag_us: monitor(|m| m.lag_s * 1e6) as u32,
+            set_point_at_code_0_nm: set_point(|s| s.position_at_lowest_code_um) as i32,
+            set_point_span_nm: set_point(|s| {
+                s.position_beyond_highest_code_um - s.position_at_lowest_code_um
+            }) as u32,
+            set_point_min_nm: set_point(|s| s.lowest_um) as i32,
+            set_point_max_nm: set_point(|s| s.highest_um) as i32,
+            amplifier_at_code_0_decicelsius: temperature(|t| t.celsius_at_lowest_code),
+            amplifier_span_decicelsius: temperature(|t| {
+                t.celsius_beyond_highest_code - t.celsius_at_lowest_code
+            }),
+            amplifier_most_decicelsius: temperature(|t| t.most_celsius),
             sensor_span_nm: (self.sensor_span_um * 1e3).round() as u32,
+            sensor_corrections: self.sensor_corrections(),
             jump_within_nm: (self.sensor_jump_um * 1e3).round() as u32,
             closes_untested: self.closes_untested,
         }
+    }
+}
+
+impl EnvelopeFile {
+    /// Codes of 65,536, held at the ends of their format.
+    fn sensor_corrections(&self) -> [i16; POINTS] {
+        let mut codes = [0; POINTS];
+        for (code, um) in codes.iter_mut().zip(&self.sensor_corrections_um) {
+            *code = (um / self.sensor_span_um * 65_536.0).round() as i16;
+        }
+        codes
     }
 }
 
@@ -127,6 +188,12 @@ fn bytes_of(content: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
             "stage = \"{}\": expected at most 16 letters, digits and signs",
             file.stage
         );
+        return Err(wrong(path, what));
+    }
+    let corrections = file.sensor_corrections_um.len();
+    if corrections != 0 && corrections != POINTS {
+        let what =
+            format!("sensor_corrections_um has {corrections} numbers: expected {POINTS}, or none");
         return Err(wrong(path, what));
     }
     let envelope = file.envelope();
@@ -180,6 +247,19 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
             "not watched".into()
         }
     );
+    if envelope.set_point_span_nm > 0 {
+        println!(
+            "  analogue set point from {:.3} to {:.3} um",
+            1e-3 * f64::from(envelope.set_point_min_nm),
+            1e-3 * f64::from(envelope.set_point_max_nm)
+        );
+    }
+    if envelope.amplifier_span_decicelsius != 0 {
+        println!(
+            "  amplifier at most {:.1} degrees Celsius",
+            0.1 * f64::from(envelope.amplifier_most_decicelsius)
+        );
+    }
     println!("  checksum {name}");
     match checksum {
         None => {
@@ -252,6 +332,59 @@ mod tests {
             (false, 0),
             "nothing is watched unless the file has it"
         );
+    }
+
+    #[test]
+    fn corrections_of_the_sensor_are_fifteen_and_moderate() {
+        let with = |corrections: &[f64]| {
+            let field = format!("sensor_corrections_um = {corrections:?}\n{FILE}");
+            bytes_of(&field, Path::new("bench.toml")).map(|(envelope, _)| envelope)
+        };
+        let envelope = with(&[0.15; 15]).expect("an envelope");
+        let codes = 0.15 / (f64::from(envelope.sensor_span_nm) * 1e-3) * 65_536.0;
+        assert_eq!(envelope.sensor_corrections, [codes.round() as i16; 15]);
+        assert!(with(&[0.15; 14]).is_err(), "too few");
+        assert!(with(&[1.0; 15]).is_err(), "too steep at the ends");
+    }
+
+    #[test]
+    fn a_limit_of_the_amplifiers_temperature_lies_within_its_sensor() {
+        let with = |most_celsius: f64| {
+            let sensor = format!(
+                "[amplifier_temperature]\ncelsius_at_lowest_code = -50\ncelsius_beyond_highest_code = 280\nmost_celsius = {most_celsius}\n"
+            );
+            bytes_of(&format!("{FILE}{sensor}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(70.0).expect("an envelope");
+        assert_eq!(
+            (
+                envelope.amplifier_at_code_0_decicelsius,
+                envelope.amplifier_span_decicelsius,
+                envelope.amplifier_most_decicelsius
+            ),
+            (-500, 3_300, 700)
+        );
+        assert!(with(280.0).is_err());
+    }
+
+    #[test]
+    fn an_analogue_set_point_has_a_scale_and_limits_in_order() {
+        let with = |lowest_um: f64, highest_um: f64| {
+            let input = format!(
+                "[set_point]\nposition_at_lowest_code_um = -1.0\nposition_beyond_highest_code_um = 14.0\nlowest_um = {lowest_um}\nhighest_um = {highest_um}\n"
+            );
+            bytes_of(&format!("{FILE}{input}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(0.5, 10.0).expect("an envelope");
+        assert_eq!(
+            (envelope.set_point_at_code_0_nm, envelope.set_point_span_nm),
+            (-1_000, 15_000)
+        );
+        assert_eq!(
+            (envelope.set_point_min_nm, envelope.set_point_max_nm),
+            (500, 10_000)
+        );
+        assert!(with(10.0, 0.5).is_err());
     }
 
     #[test]

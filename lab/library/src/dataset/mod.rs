@@ -9,19 +9,22 @@
 //!   [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in
 //!   the bytes, or [`folder`] does (feature `files`).
 //! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves
-//!   in the readings. What is wrong with records: [`quality`].
+//!   in the readings. [`issue`]: what is wrong with records.
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]`
 //! acts from `t[k]` to `t[k+1]`.
 
 #[cfg(feature = "readers")]
 pub mod behaviour;
+pub(crate) mod checks;
 pub mod circumstances;
 pub mod column_rules;
 pub mod drive_variety;
 #[cfg(feature = "files")]
 pub mod folder;
 pub mod holds;
+pub mod issue;
+pub mod issue_words;
 #[cfg(feature = "readers")]
 pub mod manifest;
 #[cfg(feature = "readers")]
@@ -46,9 +49,9 @@ pub mod units;
 pub use record::{Periods, PlayedDrive, Record, Role};
 
 use crate::error::{Error, Result, nearest};
-use crate::quality::{self, Issue};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::Overview;
+use issue::Issue;
 use timing::Timing;
 use units::SignalUnits;
 
@@ -152,7 +155,7 @@ impl Dataset {
         self.notes
             .iter()
             .cloned()
-            .chain(self.issues.iter().map(quality::words::sentence))
+            .chain(self.issues.iter().map(issue_words::sentence))
             .collect()
     }
 
@@ -242,7 +245,7 @@ impl Dataset {
                 ),
             ));
         }
-        self = quality::check_made(self)?;
+        self = checks::check_made(self)?;
         let place = &self.source;
         if !self.records.iter().any(|r| r.role != Role::Noise) {
             return Err(Error::new(

@@ -2,6 +2,7 @@
 
 use super::behaviour::rows_between_news;
 use super::column_rules::ColumnRules;
+use super::issue::Issue;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
@@ -12,7 +13,6 @@ use super::timing::{Timing, bring_to_one_timing};
 use super::units::SignalUnits;
 use super::{Dataset, Periods, PlayedDrive, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
-use crate::quality::Issue;
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::AuxiliarySignal;

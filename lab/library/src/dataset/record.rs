@@ -77,7 +77,7 @@ pub struct Record {
     /// Samples that count.
     pub window: Range<usize>,
     /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's
-    /// range ends there ([`crate::quality`] finds them), or they belong to another record of the same tape.
+    /// range ends there (checks find them), or they belong to another record of the same tape.
     /// Ascending.
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.

@@ -3,10 +3,11 @@
 //! recording has the displacement a sample ahead of its cause, which no effect explains, and modes are found
 //! that are none.
 
+#[cfg(feature = "readers")]
+use super::checks::shown_by_readings;
+use super::issue::Issue;
 use super::{Dataset, Record};
 use crate::error::{Error, Result};
-#[cfg(feature = "readers")]
-use crate::quality::{self, Issue};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
@@ -73,7 +74,7 @@ pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) 
     let issue = match said {
         Some(Timing::HoldAfterSample) => return None,
         Some(Timing::HoldBeforeSample) => None,
-        None => Some(records.iter().find_map(quality::shown_by_readings)?),
+        None => Some(records.iter().find_map(shown_by_readings)?),
     };
     records.iter_mut().for_each(moved_up);
     issue
@@ -134,7 +135,7 @@ fn moved_up(record: &mut Record) {
 #[cfg(all(test, feature = "readers"))]
 mod tests {
     use super::*;
-    use crate::quality::IssueKind;
+    use crate::dataset::issue::IssueKind;
 
     /// A stage that answers within a sample, read after (1) or before (0) the drive of the row acts.
     fn record(name: &str, rad_per_sample: f64, read_after: usize) -> Record {
@@ -166,7 +167,7 @@ mod tests {
         assert!(
             (1..499).all(|k| (fast.displacement_um[k] - 0.1 * fast.drive_v[k - 1]).abs() < 0.011)
         );
-        assert_eq!(quality::shown_by_readings(fast), None);
+        assert_eq!(shown_by_readings(fast), None);
     }
 
     #[test]

@@ -7,15 +7,16 @@ use super::residual_map::{drive_features, residual_by_feature};
 use super::screening::{CandidateScore, Screening};
 use super::study::Study;
 use super::verdict::Facts;
+use super::verdict::Reason;
 use super::words;
 use crate::dataset::Dataset;
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::{
     CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells,
     Remainder, Residuals, Standing, Verdict,
 };
-use crate::quality::{Issue, Severity};
 use hysteron_sim::effect::by_id;
 use std::collections::BTreeSet;
 
@@ -85,7 +86,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         );
     // A finding stands beside an issue that blocks where it lowers the error by more than what the issue
     // suggests.
-    let blocked = found.issues.iter().find_map(Issue::reason);
+    let blocked = found.issues.iter().find_map(reason_beside);
     let blocks = found
         .issues
         .iter()
@@ -202,6 +203,18 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     }
     out.sentence = words::sentence(&out, [found.first, found.named], dataset, study);
     out
+}
+
+/// The reason for which nothing can be decided beside an issue.
+fn reason_beside(issue: &Issue) -> Option<Reason> {
+    let reason = match issue.kind {
+        IssueKind::NotAnswered { .. } | IssueKind::NothingInCommon { .. } => Reason::NotAnswered,
+        IssueKind::InitialState { .. } => Reason::InitialState,
+        IssueKind::SameSampleTiming { .. } => Reason::SameSampleTiming,
+        IssueKind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,
+        _ => return None,
+    };
+    (issue.severity == Severity::Blocks).then_some(reason)
 }
 
 /// The effects that a finding is about: those that are missing, or else those that have other values.

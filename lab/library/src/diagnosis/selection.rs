@@ -8,7 +8,7 @@
 
 use super::confidence_set::{Fate, Losses, Scale, confidence_set};
 use super::judgement::Judged;
-use super::pool::Pool;
+use super::pool::{Entry, Move, Pool};
 use super::study::Study;
 use crate::identification::fit::{blocks, dot};
 use hysteron_sim::chain::Model;
@@ -205,4 +205,88 @@ fn simplest_kept(pool: &Pool, finalists: Vec<String>) -> Vec<String> {
         .collect();
     let fewest = kept.iter().map(size).min().unwrap_or(0);
     kept.into_iter().filter(|k| size(k) == fewest).collect()
+}
+
+/// The model at the end of a search: the best of those that have all that one of the simplest has, where every move must
+/// lower the error by the margin at the noise. It is the best once it is fitted to its end: a good held-out
+/// error half way is chance.
+#[must_use]
+pub fn end(pool: &mut Pool, minimal: &[String]) -> Entry {
+    let simplest: Vec<Vec<Move>> = minimal
+        .iter()
+        .map(|k| pool.entries[k].moves.clone())
+        .collect();
+    let margin = pool.study.policy.matters_at_noise;
+    let has_all = |e: &Entry| {
+        e.compared
+            && simplest
+                .iter()
+                .any(|moves| moves.iter().all(|m| e.moves.contains(m)))
+    };
+    loop {
+        let cost = |e: &Entry| pool.rank(e) + 0.5 * margin * e.moves.len() as f64;
+        let ends = pool.entries.iter().filter(|(_, e)| has_all(e));
+        let Some((key, _)) = ends.min_by(|a, b| cost(a.1).total_cmp(&cost(b.1))) else {
+            return pool.best().clone();
+        };
+        let key = key.clone();
+        let is_last = pool.entries[&key].finished || pool.study.budget.is_over();
+        pool.finish(&key);
+        if is_last {
+            return pool.entries[&key].clone();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{Dataset, Record, Role};
+    use crate::diagnosis::policy::Policy;
+    use crate::diagnosis::pool::{added, key};
+    use crate::identification::noise_floor::noise_floor;
+    use crate::model_file::effects_named;
+    use crate::watch::Unwatched;
+    use hysteron_sim::chain::{EffectInstance, Model};
+    use hysteron_sim::noise::WhiteNoise;
+
+    /// A stage that moves 5 % further where it is held out. A fit that has not ended may stand there.
+    #[test]
+    fn a_fit_that_is_good_half_way_is_not_the_end() {
+        let record = |name: &str, role: Role, gain: f64| {
+            let drive_v: Vec<f64> = (0..2000)
+                .map(|k| 50.0 - 50.0 * (0.006 * f64::from(k)).cos())
+                .collect();
+            let before_v = std::iter::once(0.0).chain(drive_v.iter().copied());
+            let mut noise = WhiteNoise::new(0.002, name.len() as u64);
+            let read_um = before_v
+                .take(2000)
+                .map(|v| gain * v + noise.next_um())
+                .collect();
+            Record::new(name, 1000.0, drive_v, read_um).with_role(role)
+        };
+        let records = vec![
+            record("fitted", Role::Identify, 0.1),
+            record("judging", Role::Validate, 0.105),
+        ];
+        let dataset = Dataset::new("d", 0.0, 100.0, records).unwrap();
+        let (floor, policy) = (noise_floor(&dataset), Policy::default());
+        let study = Study::new(&dataset, Vec::new(), &floor, policy, &Unwatched);
+        let entry = |names: &str, moves: &[String], gain: f64| {
+            let mut model = Model::new(0.0, 100.0);
+            for effect in effects_named(names).unwrap() {
+                let is_gain = effect.declaration().id == "gain";
+                let values: &[f64] = if is_gain { &[gain] } else { &[] };
+                model.add(EffectInstance::new(effect, &dataset.overview(), values));
+            }
+            Entry::new(&study, added(moves), study.judged_quickly(model), true)
+        };
+        let simplest = entry("gain", &[], 0.1);
+        let keys = [key(&simplest.moves, &simplest.judged.model)];
+        let mut pool = Pool::of(&study, &simplest.judged.model);
+        pool.keep(simplest);
+        pool.keep(entry("gain,delay", &["delay".to_owned()], 0.1049));
+        assert_eq!(pool.best().added(), ["delay"]);
+        assert!(end(&mut pool, &keys).added().is_empty());
+    }
 }

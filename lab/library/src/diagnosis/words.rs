@@ -5,75 +5,25 @@ use super::findings::unlikely;
 use super::judgement::Judged;
 use super::path::ModelChange;
 use super::study::Study;
+use super::verdict::Reason;
 use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
+use crate::dataset::issue::Issue;
+use crate::dataset::issue_words;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
-use crate::quality::{self, Issue, Reason};
+use crate::phrases::{figure, list, nm, spoken};
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{by_id, delay};
 use std::f64::consts::TAU;
-
-/// Nanometres with three figures.
-#[must_use]
-pub fn nm(um: f64) -> String {
-    let value = 1e3 * um;
-    if value > 0.0 && value < 0.005 {
-        // Readings whose unit is larger than specified.
-        format!("{value:.1e}")
-    } else if value >= 100.0 {
-        format!("{value:.0}")
-    } else if value >= 10.0 {
-        format!("{value:.1}")
-    } else {
-        format!("{value:.2}")
-    }
-}
-
-/// An identifier as it is read.
-#[must_use]
-pub fn spoken(id: &str) -> String {
-    id.replace('_', " ")
-}
-
-/// A list of identifiers as it is read.
-#[must_use]
-pub fn list(ids: &[String], joint: &str) -> String {
-    match ids {
-        [] => String::new(),
-        [one] => spoken(one),
-        [head @ .., last] => format!(
-            "{} {joint} {}",
-            head.iter()
-                .map(|i| spoken(i))
-                .collect::<Vec<_>>()
-                .join(", "),
-            spoken(last)
-        ),
-    }
-}
 
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |c| {
         c.to_uppercase().collect::<String>() + letters.as_str()
     })
-}
-
-/// A value with four figures.
-#[must_use]
-pub fn figure(value: f64) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    if value.abs() >= 1e6 || value.abs() < 1e-4 {
-        format!("{value:.3e}")
-    } else {
-        format!("{value:.digits$}")
-    }
 }
 
 /// What a step changed, and why.
@@ -676,7 +626,7 @@ impl<'a> Said<'a> {
             } else {
                 format!(" The same in {}.", records.join(", "))
             };
-            format!(" {}.{same}", quality::words::sentence(issue))
+            format!(" {}.{same}", issue_words::sentence(issue))
         };
         told.map(in_words).collect()
     }

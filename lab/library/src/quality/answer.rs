@@ -17,7 +17,8 @@
 //! A drive that runs straight in most segments, as a slow triangle does, asks too little: readings that
 //! follow it look like a drift. Such segments decide nothing.
 
-use super::{End, Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{End, Moment, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::rms;
 use crate::parallel;

@@ -6,8 +6,9 @@
 //! and filters, and is long. So the first fit is tried with a mode and each way of the drive, where nobody
 //! specified one, and at the end of a search its model with a mode once more.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{Moment, Subject};
 use crate::dataset::Dataset;
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::identification::fit::rms;
@@ -21,14 +22,6 @@ use std::sync::Arc;
 /// of the error: a fifth of it goes. Of a Duffing oscillator whose drive is sampled at three times its
 /// highest frequency a factor of 15 goes, of one with a hysteretic spring a factor of 9.
 const MUCH_BETTER: f64 = 0.25;
-
-/// The way of this name.
-pub(super) fn named(name: &str) -> Intersample {
-    Intersample::NAMES
-        .into_iter()
-        .find(|(known, _)| *known == name)
-        .map_or(Intersample::Hold, |(_, one)| one)
-}
 
 /// Tries the other ways beside a model, where nobody specified when the drive acts.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {

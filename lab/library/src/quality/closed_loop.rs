@@ -12,7 +12,8 @@
 //! Two things look alike and are excluded: a residual that follows the drive, which is a missing effect (a
 //! smooth drive is known before it comes), and a residual that consists of the noise of a measured drive.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{Moment, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::{Dataset, Record};
 use crate::diagnosis::judgement::Judged;
 use crate::identification::fit::{dot, rms};

@@ -6,8 +6,9 @@
 //! states of all records unknown, reach the noise, and no single effect does as well from the specified
 //! states.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{Moment, Subject};
 use crate::dataset::Dataset;
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::Study;
 use crate::identification::fit::rms;

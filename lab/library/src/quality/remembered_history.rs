@@ -3,7 +3,8 @@
 //! An unknown state leaves creep and modes free, but not what loops remember: that is known once the drive
 //! has been through its range.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{Moment, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::{Record, Role};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;

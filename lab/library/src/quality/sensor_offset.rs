@@ -4,7 +4,8 @@
 //! nanometres off, a search finds a drift that comes at once to its end; a constant is simpler and is tried
 //! in its place.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use super::subject::{Moment, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::selection::rejects;
 use crate::diagnosis::study::Study;

@@ -1,19 +1,18 @@
 //! Do the readings respond to the drive of the same row (`hold_before_sample`)?
 //!
 //! A logger that writes, waits and reads records each displacement one sample early. A straight stage shows
-//! that by itself when a recording is read; loops hide it. A fit may then hide the offset in a spurious mode.
+//! that by itself when a recording is read ([`crate::dataset`]); loops hide it. A fit may then hide the offset in a spurious mode.
 //! At the end of a search the model is refitted with the timing of the same row and without each mode that
 //! was added; where nothing reached the noise, also as it is. A prior model is tried before anything of it is
 //! fitted: a fit to another logger's rows would find other values of a mode.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role};
+use super::subject::{Moment, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
 use crate::watch::WatchEvent;
-use hysteron_sim::intersample::Intersample;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
@@ -29,37 +28,6 @@ const MAY_COME_TO_IT: f64 = 0.5;
 /// What is behind by more than this where it went as far as it goes does not come to it either, if its
 /// effects begin again.
 const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.1;
-
-/// A reading that leaves this share of the squared error against the drive of its own instant has not waited
-/// for the drive to act.
-const LEADING_SHARE: f64 = 0.3;
-
-/// The displacement responds to the drive of the same row much better than that of the row before.
-pub(super) fn leads(record: &Record) -> bool {
-    let from = record.window.start.max(1);
-    let left_by = |delay: usize| {
-        left_by_straight_line(
-            (from..record.window.end)
-                .map(|k| (record.drive_v[k - delay], record.displacement_um[k])),
-        )
-    };
-    left_by(0) < LEADING_SHARE * left_by(1)
-}
-
-/// A straight line shows the timing of the same row, and another one was specified.
-pub(super) fn leads_the_drive(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
-    let driven = subject
-        .dataset
-        .records
-        .iter()
-        .filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
-    driven
-        .map(|r| Issue::of(&r.name, Severity::Notes, IssueKind::LeadsTheDrive {}))
-        .collect()
-}
 
 /// Tries the other timing beside a model, where nobody specified one.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
@@ -195,19 +163,4 @@ fn modes_to_do_without<'a>(
         out.push(too_fast);
     }
     out
-}
-
-/// Sum of squares about the regression line.
-fn left_by_straight_line(pairs: impl ExactSizeIterator<Item = (f64, f64)> + Clone) -> f64 {
-    let n = pairs.len().max(1) as f64;
-    let (mean_x, mean_y) = pairs
-        .clone()
-        .fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for (x, y) in pairs.map(|p| (p.0 - mean_x, p.1 - mean_y)) {
-        xx += x * x;
-        xy += x * y;
-        yy += y * y;
-    }
-    if xx > 0.0 { yy - xy * xy / xx } else { yy }
 }

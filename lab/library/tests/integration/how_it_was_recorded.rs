@@ -2,10 +2,11 @@
 //! declared, or a loop was closed.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
+use hysteron::dataset::issue::{Issue, IssueKind, Severity};
 use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::diagnosis::verdict::Reason;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Diagnosis, Verdict};
-use hysteron::quality::{IssueKind, Reason, Severity};
 use hysteron::watch::{Unwatched, Watch, WatchEvent};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
@@ -336,7 +337,7 @@ fn readings_of_their_own_row_are_no_mode() {
         .corrected
         .as_ref()
         .expect("the timing that the readings show");
-    let is_timing = |i: &hysteron::quality::Issue| {
+    let is_timing = |i: &Issue| {
         matches!(i.kind, IssueKind::SameSampleTiming { .. }) && i.severity == Severity::Corrects
     };
     assert!(

@@ -3,9 +3,9 @@
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
-use hysteron::diagnosis::words::nm;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Evidence, Finding, Standing, Verdict};
+use hysteron::phrases::nm;
 use hysteron::synthetic::case::{CaseOrder, simulate_case};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;

@@ -1,15 +1,11 @@
 //! Records that hold the same readings as one before them.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::{Dataset, Record, Role};
 
 /// Compares every driven record with those before it.
-pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
-    let driven: Vec<&Record> = subject
-        .dataset
+pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
+    let driven: Vec<&Record> = dataset
         .records
         .iter()
         .filter(|r| r.role != Role::Noise)
@@ -38,7 +34,6 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::Dataset;
 
     #[test]
     fn one_recording_given_twice_is_noted() {
@@ -60,10 +55,7 @@ mod tests {
                 100.0,
                 vec![record("one", one), record("two", two)],
             );
-            check(&Subject {
-                dataset: &dataset,
-                moment: Moment::Made,
-            })
+            check(&dataset)
         };
         assert_eq!(
             issues([0..3000, 0..3000]),

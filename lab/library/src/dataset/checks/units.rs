@@ -1,8 +1,8 @@
 //! Units that look doubtful: spans and rates that no piezoelectric stage has.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::units::SignalUnits;
-use crate::dataset::{Record, Role};
+use crate::dataset::{Dataset, Record, Role};
 
 /// Span of a displacement in um beyond which a unit is likely to be missing.
 const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
@@ -16,9 +16,9 @@ const LIKELY_RATE_MIN_HZ: f64 = 50.0;
 const LIKELY_GAIN_MAX_UM_V: f64 = 100.0;
 
 /// Examines every driven record.
-pub(super) fn check(subject: &Subject) -> Vec<Issue> {
+pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
     // What is in other units than V and um is no piezoelectric stage.
-    if !matches!(subject.moment, Moment::Made) || subject.dataset.units != SignalUnits::default() {
+    if dataset.units != SignalUnits::default() {
         return Vec::new();
     }
     let doubt = |record: &Record| {
@@ -34,11 +34,10 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         };
         Some(Issue::of(&record.name, Severity::Notes, kind))
     };
-    let gain_um_v = subject.dataset.straight_line_gain();
+    let gain_um_v = dataset.straight_line_gain();
     let of_all = (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v))
         .then(|| Issue::of_all(Severity::Notes, IssueKind::Gain { gain_um_v }));
-    subject
-        .dataset
+    dataset
         .records
         .iter()
         .filter(|r| r.role != Role::Noise)

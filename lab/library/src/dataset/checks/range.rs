@@ -5,8 +5,8 @@
 //! reads the same value, digit by digit. What it reads there says only that the displacement is beyond: such
 //! samples are left out of fits, noise and figures.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::{Dataset, Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use std::ops::Range;
 
@@ -31,11 +31,8 @@ struct ReadingLimit {
 /// The limits of all driven records: those that a record shows by itself, and the same values in the others,
 /// which the same sensor read. Where another record reads further and does not end, it was not the sensor
 /// that ended.
-pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
-    let records = &subject.dataset.records;
+pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
+    let records = &dataset.records;
     let issue = |limit: ReadingLimit| {
         let ReadingLimit {
             record: name,
@@ -193,7 +190,6 @@ fn runs_of_equals(record: &Record) -> impl Iterator<Item = Range<usize>> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::Dataset;
     use hysteron_sim::noise::WhiteNoise;
 
     /// What making a data set finds.

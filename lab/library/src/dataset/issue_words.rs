@@ -1,7 +1,7 @@
 //! Issues in words: the one place where they become sentences.
 
-use super::{Issue, IssueKind};
-use crate::diagnosis::words::{figure, list, nm};
+use super::issue::{Issue, IssueKind};
+use crate::phrases::{figure, list, nm};
 
 /// An issue as a sentence without its full stop.
 #[must_use]
@@ -14,7 +14,7 @@ pub fn sentence(issue: &Issue) -> String {
 }
 
 /// A kind as a sentence without its full stop.
-pub(super) fn of_kind(kind: &IssueKind) -> String {
+pub(crate) fn of_kind(kind: &IssueKind) -> String {
     match kind {
         IssueKind::NotAnswered { moves_um, coherence, by_chance } => format!(
             "the readings do not answer the drive (coherence {coherence:.2} at most, by chance up to {by_chance:.2}; they move by {} nm RMS). Look at the \

@@ -2,8 +2,8 @@
 //! same, that a record is at rest. The noise is estimated from that, and a wrong specification takes motion
 //! for noise.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::{Dataset, Record, Role};
 use crate::statistics::{mean, pattern_rms, peak_to_peak, rms};
 
 /// Two drives are not the same where they differ, beside what is irregular from sample to sample, by more
@@ -15,11 +15,7 @@ const RESTS: f64 = 0.02;
 const PARTS: usize = 64;
 
 /// Checks every record against its own drive and that of the one which it repeats.
-pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
-    let dataset = subject.dataset;
+pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
     let span_v = dataset.drive_max_v - dataset.drive_min_v;
     let of_record = |record: &Record| {
         let repeated = dataset
@@ -98,7 +94,7 @@ fn differing(pairs: impl Iterator<Item = (f64, f64)>, drive_v: &[f64]) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{Dataset, Periods};
+    use crate::dataset::Periods;
     use crate::error::Result;
 
     const LENGTH: usize = 500;

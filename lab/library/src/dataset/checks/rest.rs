@@ -1,14 +1,11 @@
 //! Rests in which all readings are one value: of a converter with steps they show that the noise is below a
 //! step, otherwise nothing.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject};
-use crate::dataset::{Record, Role, SAMPLES_MIN, reading_grid};
+use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::{Dataset, Record, Role, SAMPLES_MIN, reading_grid};
 
 /// Finds them; one that shows nothing is to be left out.
-pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
+pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
     let moves = |r: &Record| {
         r.displacement_um[r.window.clone()]
             .windows(2)
@@ -16,11 +13,11 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     };
     // What is too short for a record is refused, and shows nothing.
     let silent = |r: &&Record| r.role == Role::Noise && r.window.len() >= SAMPLES_MIN && !moves(r);
-    let silent: Vec<&Record> = subject.dataset.records.iter().filter(silent).collect();
+    let silent: Vec<&Record> = dataset.records.iter().filter(silent).collect();
     if silent.is_empty() {
         return Vec::new();
     }
-    let in_steps = reading_grid::reading_step_um(subject.dataset).is_some();
+    let in_steps = reading_grid::reading_step_um(dataset).is_some();
     let severity = if in_steps {
         Severity::Notes
     } else {

@@ -8,9 +8,10 @@
 //! beside it are small. After a jump of the drive nothing is taken for an outlier: the first overshoot of a
 //! fast mode is as narrow.
 
-use super::{Issue, IssueKind, Moment, Severity, Subject, range};
-use crate::dataset::Record;
+use super::range;
+use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::reading_grid::levels;
+use crate::dataset::{Dataset, Record};
 use crate::statistics::{extremes, mean, peak_to_peak};
 use hysteron_sim::chain::InitialState;
 use std::ops::Range;
@@ -48,11 +49,10 @@ struct Outliers {
 }
 
 /// Readings that stand alone: spectra find even steps where they are interpolated, and they count in nothing.
-pub(super) fn single(subject: &Subject) -> Vec<Issue> {
-    of_all(subject, |record, ends_um| {
+pub(super) fn single(dataset: &Dataset) -> Vec<Issue> {
+    of_all(dataset, |record, ends_um| {
         // What lies in front of a window shows noise too, unless it is another record's of the same tape.
-        let of_the_tape = subject
-            .dataset
+        let of_the_tape = dataset
             .records
             .iter()
             .filter(|other| other.name != record.name && other.source == record.source);
@@ -85,8 +85,8 @@ pub(super) fn single(subject: &Subject) -> Vec<Issue> {
 }
 
 /// Readings that stand out beside one another, with those between them.
-pub(super) fn together(subject: &Subject) -> Vec<Issue> {
-    of_all(subject, |record, ends_um| {
+pub(super) fn together(dataset: &Dataset) -> Vec<Issue> {
+    of_all(dataset, |record, ends_um| {
         let beside_others: Vec<usize> = outliers(record, ends_um)
             .beside_others
             .into_iter()
@@ -114,11 +114,8 @@ pub(super) fn together(subject: &Subject) -> Vec<Issue> {
     })
 }
 
-fn of_all(subject: &Subject, of_record: impl Fn(&Record, &[f64]) -> Option<Issue>) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
-        return Vec::new();
-    }
-    let records = &subject.dataset.records;
+fn of_all(dataset: &Dataset, of_record: impl Fn(&Record, &[f64]) -> Option<Issue>) -> Vec<Issue> {
+    let records = &dataset.records;
     let ends_um = range::ends_um(records);
     records
         .iter()
@@ -281,20 +278,14 @@ fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::Dataset;
     use crate::dataset::Role;
     use hysteron_sim::noise::WhiteNoise;
 
     /// What the check finds in a record whose readings end there, corrected.
-    fn checked(check: fn(&Subject) -> Vec<Issue>, record: &mut Record) -> Option<IssueKind> {
+    fn checked(check: fn(&Dataset) -> Vec<Issue>, record: &mut Record) -> Option<IssueKind> {
         let mut dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record.clone()]);
-        let issue = check(&Subject {
-            dataset: &dataset,
-            moment: Moment::Made,
-        })
-        .into_iter()
-        .next()?;
-        crate::quality::apply(&mut dataset, &issue);
+        let issue = check(&dataset).into_iter().next()?;
+        crate::dataset::checks::apply(&mut dataset, &issue);
         *record = dataset.records.remove(0);
         Some(issue.kind)
     }
@@ -452,10 +443,7 @@ mod tests {
         };
         let found = |records: Vec<Record>| {
             let dataset = Dataset::unchecked("d", 0.0, 100.0, records);
-            let issues = single(&Subject {
-                dataset: &dataset,
-                moment: Moment::Made,
-            });
+            let issues = single(&dataset);
             issues
                 .into_iter()
                 .map(|issue| (issue.record.unwrap(), issue.samples))

@@ -1,0 +1,101 @@
+//! What a data set shows about its own records while it is made: no model, no fit. Checks that need a model are
+//! those of [`crate::quality`].
+
+#[cfg(feature = "readers")]
+mod answered_jumps;
+mod as_specified;
+mod given_twice;
+mod leading;
+mod outliers;
+mod range;
+mod rest;
+mod units;
+
+#[cfg(feature = "readers")]
+pub(crate) use answered_jumps::shown_by_readings;
+
+use super::Dataset;
+use super::issue::{Issue, IssueKind, Severity};
+use super::issue_words::of_kind;
+use crate::error::{Error, Result};
+use hysteron_sim::chain::InitialState;
+use hysteron_sim::intersample::Intersample;
+
+/// A check of a data set that is being made.
+type Check = fn(&Dataset) -> Vec<Issue>;
+
+/// All of them, in the order in which they correct.
+const CHECKS: [Check; 8] = [
+    rest::check,
+    outliers::single,
+    range::check,
+    outliers::together,
+    units::check,
+    given_twice::check,
+    as_specified::check,
+    leading::check,
+];
+
+/// Checks a data set that is being made: what can be corrected is, check after check.
+///
+/// # Errors
+/// What the manifest specifies and the drive contradicts.
+pub(crate) fn check_made(mut dataset: Dataset) -> Result<Dataset> {
+    for check in CHECKS {
+        for issue in check(&dataset) {
+            if issue.severity == Severity::Blocks {
+                let source = dataset
+                    .records
+                    .iter()
+                    .find(|r| Some(&r.name) == issue.record.as_ref())
+                    .map_or(&dataset.source, |r| &r.source);
+                return Err(Error::new(source, of_kind(&issue.kind)));
+            }
+            apply(&mut dataset, &issue);
+            dataset.issues.push(issue);
+        }
+    }
+    Ok(dataset)
+}
+
+/// Changes a data set as an issue asks for.
+pub(crate) fn apply(dataset: &mut Dataset, issue: &Issue) {
+    let Dataset { records, .. } = dataset;
+    let of_the_issue = records
+        .iter_mut()
+        .find(|r| Some(&r.name) == issue.record.as_ref());
+    match (&issue.kind, of_the_issue) {
+        (IssueKind::RestWithoutNoise { in_steps: false }, _) => {
+            records.retain(|r| Some(&r.name) != issue.record.as_ref())
+        }
+        (IssueKind::OutliersReplaced { .. }, Some(record)) => {
+            outliers::interpolate(record, &issue.samples);
+            record.leave_out(issue.samples.iter().cloned());
+        }
+        (IssueKind::RangeEnds { .. } | IssueKind::OutliersLeftOut { .. }, Some(record)) => {
+            record.leave_out(issue.samples.iter().cloned())
+        }
+        (IssueKind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
+        // All records of the tape begin in the same state.
+        (IssueKind::InitialState { .. }, Some(record)) => {
+            let source = record.source.clone();
+            let of_the_tape = records
+                .iter_mut()
+                .filter(|r| r.state_is_assumed && r.source == source);
+            of_the_tape.for_each(|r| r.initial_state = InitialState::Unknown);
+        }
+        (IssueKind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
+        (IssueKind::RunsOnBetweenSamples { intersample, .. }, _) => {
+            *dataset = dataset.running_on(named(intersample))
+        }
+        _ => {}
+    }
+}
+
+/// The way of this name.
+fn named(name: &str) -> Intersample {
+    Intersample::NAMES
+        .into_iter()
+        .find(|(known, _)| *known == name)
+        .map_or(Intersample::Hold, |(_, one)| one)
+}
