@@ -128,6 +128,25 @@ fn the_truth_of_forty_stages_lies_in_the_band() {
     assert!(inside >= 36, "{inside} of 40");
 }
 
+/// Readings with a noise that no fit has seen, on the held-out drive: a band of 95 % holds about as many.
+#[test]
+fn the_band_holds_as_many_readings_as_it_says() {
+    let (mut inside, mut all) = (0_u32, 0_u32);
+    for i in 0..8 {
+        let model = identified(i);
+        let drive_v = steps(SECONDS, 0.7, i + 3);
+        let (predicted, half_um) = banded(&model, &driven(&drive_v));
+        let mut noise = WhiteNoise::new(0.004, 9_000 + i as u64);
+        for (k, y_um) in reads(i, &drive_v).into_iter().enumerate() {
+            let off_um = y_um + noise.next_um() - predicted[k];
+            inside += u32::from(off_um.abs() <= half_um[k]);
+            all += 1;
+        }
+    }
+    let share = f64::from(inside) / f64::from(all);
+    assert!((0.92..=0.99).contains(&share), "{share}");
+}
+
 /// Holds of two seconds leave slow creep open: its shares stay near what stacks have instead of some tenths
 /// each.
 #[test]

@@ -10,6 +10,7 @@ use hysteron::diagnosis::selection::confidence_set_in;
 use hysteron::diagnosis::study::Study;
 use hysteron::diagnosis::verdict::Reason;
 use hysteron::identification::noise_floor::NoiseFloor;
+use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Evidence, Standing, Verdict};
 use hysteron::watch::{Unwatched, Watch, WatchEvent};
@@ -447,6 +448,20 @@ fn a_name_rests_on_held_out_records_or_says_that_there_are_none() {
         "{}",
         found.diagnosis.sentence
     );
+}
+
+/// A held-out record of a stage with twice the gain moves the error there and no value.
+#[test]
+fn a_held_out_record_is_never_fitted() {
+    let gain_of = |held_out_um_v: f64| {
+        let mut dataset = records();
+        let held_out = &mut dataset.records[1];
+        held_out.displacement_um = scaled(&held_out.drive_v, held_out_um_v);
+        let effects = effects_named("gain").unwrap();
+        let model = identify(&dataset, &effects, &Unwatched).unwrap().model;
+        model.effects[0].parameters[0].value
+    };
+    assert_eq!(gain_of(0.2), gain_of(0.1));
 }
 
 #[test]
