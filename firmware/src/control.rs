@@ -25,11 +25,11 @@ use hysteron_core::sensor_linearisation::SensorLinearisation;
 use hysteron_core::set_point::InputState;
 use hysteron_core::trace_frame::PackedSample;
 
-use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
+use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ, TEMPERATURES_ARE_READ};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
-use crate::{event_log, safety_lines, task_clock, temperature};
+use crate::{event_log, safety_lines, task_clock};
 
 /// Samples on their way to the trace task: 12.8 ms at 20 kHz, 2.56 ms at 100 kHz. The task looks every
 /// 1.024 ms.
@@ -592,7 +592,7 @@ pub fn on_interrupt() {
         Some(Missed::Stop) => control.amplifier.refuse(Fault::HostLost),
         Some(Missed::SwitchOff) => _ = control.amplifier.command(Command::Disarm),
     }
-    if temperature::IS_READ {
+    if TEMPERATURES_ARE_READ {
         for (is_too_hot, fault) in TOO_HOT.iter().zip(HEAT) {
             if is_too_hot.load(Ordering::Relaxed) {
                 control.amplifier.refuse(fault);

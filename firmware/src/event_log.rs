@@ -11,8 +11,6 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use hysteron_core::kept_events::Event;
 
-use crate::update;
-
 /// Faults that are kept.
 pub const ROOM: usize = 64;
 const MAGIC: u32 = 0x4859_4c31;
@@ -67,11 +65,11 @@ impl Log {
     }
 }
 
-/// Counts a start; where the memory holds no log it begins with what the flash has.
+/// Counts a start; where the memory holds no log it begins with what the flash has, which `kept_events` gives.
 #[inline(never)]
-pub fn begin() {
+pub fn begin(kept_events: impl FnOnce(&mut dyn FnMut(u32, Event))) {
     let mut in_flash = Log::EMPTY;
-    update::kept_events(|number, event| in_flash.restore(number, event));
+    kept_events(&mut |number, event| in_flash.restore(number, event));
     KEPT.store(in_flash.written, Ordering::Relaxed);
     // SAFETY: any value may be there, and all of them are numbers; only thread code before the control
     // interrupt's start touches it.

@@ -33,6 +33,7 @@ pub mod supply;
 pub mod task_clock;
 pub mod telemetry;
 pub mod temperature;
+pub mod temperature_codes;
 pub mod trace_tasks;
 #[cfg(feature = "nucleo-h743zi")]
 pub mod update;

@@ -90,7 +90,7 @@ async fn main(spawner: Spawner) {
         Converters::NAME
     );
 
-    event_log::begin();
+    event_log::begin(|found| update::kept_events(found));
     let rolled_back = update::load();
     let envelope = settings::load_envelope();
     let kept_are_refused = !settings::load_kept(SAMPLE_RATE_HZ);

@@ -36,9 +36,9 @@ use hysteron_core::signal_filter::{FilteredSignal, Place};
 use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::Brought;
 
-use crate::board::{Board, Converters, Platform};
+use crate::board::{Board, Converters, Platform, TEMPERATURES_ARE_READ};
 use crate::front_end::{CodeBits, FrontEnd};
-use crate::{control, temperature, update_state};
+use crate::{control, update_state};
 
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
@@ -131,7 +131,7 @@ fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
         || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR)
         || (envelope.set_point_span_nm > 0 && !Converters::HAS_SET_POINT)
         || (envelope.amplifier_span_decicelsius != 0
-            && !(Converters::HAS_MONITOR && temperature::IS_READ))
+            && !(Converters::HAS_MONITOR && TEMPERATURES_ARE_READ))
     {
         return Err(
             "the drive's converter is to be read back, the output watched, a set point or a temperature read, and this board cannot at this sampling rate",

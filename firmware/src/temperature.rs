@@ -3,41 +3,15 @@
 //! [`Fault::PartTooHot`](hysteron_core::guard::Fault::PartTooHot) and
 //! [`Fault::AmplifierTooHot`](hysteron_core::guard::Fault::AmplifierTooHot).
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::Ordering;
 
-use crate::board::{Board, Platform, SAMPLE_RATE_HZ};
+use crate::board::{Board, Platform};
+use crate::temperature_codes::{AMPLIFIER, NOT_YET, PART, code};
 use crate::{control, settings};
 
 /// 105 degrees Celsius. The junction bears 125 (DS12110, table 21), the sensor's line is straight to 3 degrees
 /// (table 180), and a fan or a cover that is missing leaves some minutes from here.
 const MOST_DECICELSIUS: i32 = 1_050;
-
-/// Whether temperatures are read at this sampling rate: there must be time for a conversion within a period.
-pub const IS_READ: bool = SAMPLE_RATE_HZ <= 20_000;
-
-/// What the converter gave last of part and amplifier, of 65,536, [`NO_CODE`] or [`NOT_YET`].
-static PART: AtomicU32 = AtomicU32::new(NOT_YET);
-static AMPLIFIER: AtomicU32 = AtomicU32::new(NOT_YET);
-/// The converter gave nothing.
-const NO_CODE: u32 = u32::MAX;
-/// Nothing has been read since the start.
-const NOT_YET: u32 = NO_CODE - 1;
-
-/// Takes what the converter gave of the part; the control interrupt calls it.
-#[inline(always)]
-pub fn take(code: Option<u16>) {
-    PART.store(code.map_or(NO_CODE, u32::from), Ordering::Relaxed);
-}
-
-/// Takes what it gave of the amplifier.
-#[inline(always)]
-pub fn take_amplifiers(code: Option<u16>) {
-    AMPLIFIER.store(code.map_or(NO_CODE, u32::from), Ordering::Relaxed);
-}
-
-fn code(place: &AtomicU32) -> Option<u16> {
-    u16::try_from(place.load(Ordering::Relaxed)).ok()
-}
 
 /// The part's temperature, tenths of a degree Celsius; `None` before the first reading, and on a board that
 /// reads none.

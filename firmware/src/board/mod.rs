@@ -25,7 +25,7 @@ mod platform;
 #[cfg(any(feature = "nucleo-g474re", feature = "on-chip-converters"))]
 mod triggered_converters;
 
-pub use platform::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
+pub use platform::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ, TEMPERATURES_ARE_READ};
 
 /// The board of this image.
 #[cfg(feature = "nucleo-g474re")]

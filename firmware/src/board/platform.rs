@@ -20,6 +20,9 @@ pub const SAMPLE_RATE_HZ: u32 = match u32::from_str_radix(env!("HYSTERON_SAMPLE_
     Err(_) => panic!("build.rs gives a number"),
 };
 
+/// Whether temperatures are read at this sampling rate: there must be time for a conversion within a period.
+pub const TEMPERATURES_ARE_READ: bool = SAMPLE_RATE_HZ <= 20_000;
+
 /// What a board is to the firmware. The sample clock is TIM2 and the tasks' clock TIM5 on every board.
 #[allow(async_fn_in_trait)] // one executor runs all tasks: nobody asks whether a future is `Send`
 pub trait Platform: FlashInterface {

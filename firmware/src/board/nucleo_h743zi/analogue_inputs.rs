@@ -25,9 +25,9 @@ use embassy_stm32::pac::adccommon::vals::{Ckmode, Presc};
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC3, ADC3_COMMON, GPIOC, GPIOF, RCC};
 
-use crate::board::platform::SAMPLE_RATE_HZ;
+use crate::board::platform::{SAMPLE_RATE_HZ, TEMPERATURES_ARE_READ};
 use crate::front_end::Wiring;
-use crate::temperature;
+use crate::temperature_codes;
 
 const MONITOR_CHANNEL: u8 = 10;
 const MONITOR_PIN: usize = 0;
@@ -181,7 +181,7 @@ impl MonitorAndTemperatures {
     /// What the monitor gave last; starts the next conversion.
     #[inline(always)]
     pub fn read(&mut self) -> Option<u16> {
-        if temperature::IS_READ {
+        if TEMPERATURES_ARE_READ {
             self.periods += 1;
             if !matches!(self.converts, Converts::Nothing | Converts::Monitor)
                 || self.periods >= SAMPLE_RATE_HZ
@@ -194,7 +194,7 @@ impl MonitorAndTemperatures {
         }
         let code = take(ADC3);
         convert(ADC3);
-        if temperature::IS_READ {
+        if TEMPERATURES_ARE_READ {
             self.monitored = code;
         }
         code
@@ -212,7 +212,7 @@ impl MonitorAndTemperatures {
                 self.begin_temperature(Converts::PartsTemperature, PART_CHANNEL);
             }
             Converts::PartsTemperature if ended => {
-                temperature::take(code);
+                temperature_codes::take(code);
                 if self.has_amplifier {
                     self.begin_temperature(Converts::AmplifiersTemperature, AMPLIFIER_CHANNEL);
                 } else {
@@ -220,7 +220,7 @@ impl MonitorAndTemperatures {
                 }
             }
             Converts::AmplifiersTemperature if ended => {
-                temperature::take_amplifiers(code);
+                temperature_codes::take_amplifiers(code);
                 self.begin_monitor();
             }
             Converts::PartsTemperature | Converts::AmplifiersTemperature => {}
