@@ -81,6 +81,7 @@ pub mod outcome;
 mod parallel;
 #[doc(hidden)]
 pub mod phrases;
+#[doc(hidden)]
 pub mod prediction;
 #[doc(hidden)]
 pub mod quality;
