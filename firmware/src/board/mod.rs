@@ -17,6 +17,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peripherals, interrupt, rcc};
 
 mod flash_words;
+pub mod light;
 #[cfg(feature = "nucleo-g474re")]
 mod nucleo_g474re;
 #[cfg(feature = "nucleo-h743zi")]

@@ -11,8 +11,8 @@ use embassy_stm32::{Config, Peripherals};
 use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
+use crate::board::light::Light;
 use crate::front_end::FrontEnd;
-use crate::lights::Light;
 
 /// Control ticks per second, which build.rs has from the environment.
 pub const SAMPLE_RATE_HZ: u32 = match u32::from_str_radix(env!("HYSTERON_SAMPLE_RATE_HZ"), 10) {

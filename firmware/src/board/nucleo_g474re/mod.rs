@@ -23,8 +23,8 @@ use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
+use crate::board::light::Light;
 use crate::board::platform::{Lines, Platform, ResetCause};
-use crate::lights::Light;
 
 /// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block
 /// characteristics).

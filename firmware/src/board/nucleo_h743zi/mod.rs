@@ -31,8 +31,8 @@ use embassy_stm32::{Config, Peripherals, interrupt};
 use hysteron_core::guard::Fault;
 use hysteron_firmware_shared::flash_read::FlashInterface;
 
+use crate::board::light::Light;
 use crate::board::platform::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
-use crate::lights::Light;
 
 /// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
 const LEVEL_2V76: u8 = 6;
