@@ -426,7 +426,7 @@ impl ImageHeader {
         }
     }
 
-    /// Its version as numbers, major first; `None` where it is none, which is below every version.
+    /// Its version as numbers, major first; `None` where the text is no version. That is below every version.
     #[must_use]
     pub fn release(&self) -> Option<[u32; 3]> {
         let (mut release, mut nth, mut digits) = ([0u32; 3], 0, 0);

@@ -2,9 +2,9 @@
 //!
 //! # How it works
 //! The board's safety envelope has the correction at sixteenths of the sensor's codes, found with a better
-//! sensor beside it. Between them it goes in straight lines, and at both ends it is none, so that a code at its
-//! end is one still. The board corrects every reading before anything looks at it: guards, servo and trace see
-//! a straight sensor.
+//! sensor beside it. Between them it goes in straight lines. The first and the last code keep their values, so
+//! that a sensor at its end is still seen to be there. The board corrects every reading before anything looks
+//! at it: guards, servo and trace see a straight sensor.
 
 use crate::codes::SensorCode;
 

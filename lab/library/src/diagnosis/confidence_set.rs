@@ -293,6 +293,23 @@ mod tests {
         assert_eq!([0, 1, 2].map(|record| losses.mean(record)), [3.0, 4.0, 0.0]);
     }
 
+    /// By how many standard errors one model is worse than another, beyond the margin, where blocks are
+    /// independent.
+    fn textbook(bad: &Losses, good: &Losses, scale: &Scale) -> f64 {
+        let (mut by, mut variance) = (0.0, 0.0);
+        for (r, weight) in scale.weights.iter().enumerate() {
+            let pairs = bad.0[r].iter().zip(&good.0[r]);
+            let unit = scale.unit_um2[r];
+            let each: Vec<f64> = pairs.map(|(bad, good)| (bad - good) / unit).collect();
+            let count = each.len() as f64;
+            let mean = each.iter().sum::<f64>() / count;
+            let scatter = each.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / count;
+            by += weight * (mean - scale.margin[r]);
+            variance += weight * weight * scatter / count;
+        }
+        by / variance.sqrt()
+    }
+
     /// By the textbook's standard error, where blocks are independent: records count by their weights, in
     /// their units and with their margins.
     #[test]
@@ -313,17 +330,7 @@ mod tests {
             margin: margins.to_vec(),
             ..scale(2, 0.0)
         };
-        let (mut by, mut variance) = (0.0, 0.0);
-        for r in 0..2 {
-            let pairs = bad.0[r].iter().zip(&good.0[r]);
-            let each: Vec<f64> = pairs.map(|(bad, good)| (bad - good) / units[r]).collect();
-            let count = each.len() as f64;
-            let mean = each.iter().sum::<f64>() / count;
-            let scatter = each.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / count;
-            by += weights[r] * (mean - margins[r]);
-            variance += weights[r] * weights[r] * scatter / count;
-        }
-        let expected = by / variance.sqrt();
+        let expected = textbook(&bad, &good, &scale);
         let Fate::Rejected(found) = confidence_set(&[&good, &bad], &scale, 0.05, 1)[1] else {
             panic!("kept");
         };
@@ -428,17 +435,7 @@ mod tests {
             margin: margins.to_vec(),
             ..scale(2, 0.0)
         };
-        let (mut by, mut variance) = (0.0, 0.0);
-        for r in 0..2 {
-            let pairs = bad.0[r].iter().zip(&good.0[r]);
-            let each: Vec<f64> = pairs.map(|(bad, good)| bad - good).collect();
-            let count = each.len() as f64;
-            let mean = each.iter().sum::<f64>() / count;
-            let scatter = each.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / count;
-            by += weights[r] * (mean - margins[r]);
-            variance += weights[r] * weights[r] * scatter / count;
-        }
-        let expected = by / variance.sqrt();
+        let expected = textbook(&bad, &good, &scale);
         let Fate::Rejected(found) = confidence_set(&[&bad, &good], &scale, 0.05, 1)[0] else {
             panic!("kept");
         };

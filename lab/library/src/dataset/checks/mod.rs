@@ -17,9 +17,9 @@ pub(crate) use answered_jumps::shown_by_readings;
 use super::Dataset;
 use super::issue::{Issue, IssueKind, Severity};
 use super::issue_words::of_kind;
+use super::timing::intersample_named;
 use crate::error::{Error, Result};
 use hysteron_sim::chain::InitialState;
-use hysteron_sim::intersample::Intersample;
 
 /// A check of a data set that is being made.
 type Check = fn(&Dataset) -> Vec<Issue>;
@@ -86,16 +86,10 @@ pub(crate) fn apply(dataset: &mut Dataset, issue: &Issue) {
         }
         (IssueKind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
         (IssueKind::RunsOnBetweenSamples { intersample, .. }, _) => {
-            *dataset = dataset.running_on(named(intersample))
+            if let Ok(way) = intersample_named(&dataset.source, intersample) {
+                *dataset = dataset.running_on(way);
+            }
         }
         _ => {}
     }
-}
-
-/// The way of this name.
-fn named(name: &str) -> Intersample {
-    Intersample::NAMES
-        .into_iter()
-        .find(|(known, _)| *known == name)
-        .map_or(Intersample::Hold, |(_, one)| one)
 }
