@@ -12,6 +12,9 @@ pub struct DrivePath {
     pub plays: Vec<[f64; 2]>,
     /// First-order terms beside the motion itself: share, time constant in s.
     pub creep: Vec<[f64; 2]>,
+    /// Maxwell-slip elements of the actuator over its extension: threshold in the unit of the extension,
+    /// stiffness in drive by extension, not negative.
+    pub slips: Vec<[f64; 2]>,
 }
 
 /// What a drive gives in a period: it changes once inside it, where its delay ends.

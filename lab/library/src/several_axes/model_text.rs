@@ -76,6 +76,7 @@ impl AxesModel {
             mode.of_drives.len() == drives
                 && mode.of_sensors.len() == sensors
                 && mode.frequency_hz > 0.0
+                && mode.compliance >= 0.0
                 && finite
         });
         let feedthrough_fits = model.stage.feedthrough.len() == sensors
@@ -84,9 +85,15 @@ impl AxesModel {
                 .feedthrough
                 .iter()
                 .all(|row| row.len() == drives);
+        // What is negative in an actuator gives energy without end.
+        let slips_fit = model.stage.drives.iter().all(|drive| {
+            let fits = |[threshold, stiffness]: &[f64; 2]| *threshold > 0.0 && *stiffness >= 0.0;
+            drive.slips.iter().all(fits)
+        });
         if drives == 0
             || sensors == 0
             || !modes_fit
+            || !slips_fit
             || !feedthrough_fits
             || model.sample_rate_hz.is_nan()
             || model.sample_rate_hz <= 0.0
@@ -94,7 +101,7 @@ impl AxesModel {
             return Err(Error::new(
                 place,
                 format!(
-                    "its modes and its feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"
+                    "its modes, actuators and feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"
                 ),
             ));
         }

@@ -53,6 +53,11 @@ pub enum AxisEffect {
         /// The drive.
         drive: usize,
     },
+    /// The force of an actuator remembers its own extension.
+    ActuatorHysteresis {
+        /// The drive of the actuator.
+        drive: usize,
+    },
     /// Friction on a mode.
     Friction {
         /// The mode.
@@ -82,6 +87,7 @@ impl AxisEffect {
             Self::Hysteresis { .. } => "hysteresis",
             Self::Creep { .. } => "creep",
             Self::Delay { .. } => "delay",
+            Self::ActuatorHysteresis { .. } => "actuator_hysteresis",
             Self::Friction { .. } => "friction",
             Self::NonlinearStiffness { .. } => "nonlinear_stiffness",
             Self::SensorBandwidth { .. } => "sensor_bandwidth",
@@ -122,6 +128,9 @@ impl AxisEffect {
             Self::Hysteresis { drive } | Self::Creep { drive } | Self::Delay { drive } => {
                 data.drives[drive].clone()
             }
+            Self::ActuatorHysteresis { drive } => {
+                format!("the force of {} has memory of its extension", data.drives[drive])
+            }
             Self::Friction { mode } | Self::NonlinearStiffness { mode } => mode_at(mode),
             Self::SensorBandwidth { sensor } => data.sensors[sensor].clone(),
         }
@@ -157,6 +166,8 @@ pub(super) enum Free {
     Quadratic(usize),
     Cubic(usize),
     Delay(usize),
+    Slip(usize, usize),
+    Compliance(usize),
     Play(usize, usize),
     Creep(usize, usize),
     Lag(usize),
@@ -168,6 +179,7 @@ pub(super) enum Free {
 pub(super) enum Part {
     Drive(usize),
     Mode(usize),
+    Actuators,
     Sensor(usize),
 }
 
@@ -183,6 +195,7 @@ impl Free {
             | Self::Cubic(r) => Part::Mode(r),
             Self::OfSensor(_, i) | Self::Lag(i) | Self::Feedthrough(i, _) => Part::Sensor(i),
             Self::Delay(j) | Self::Play(j, _) | Self::Creep(j, _) => Part::Drive(j),
+            Self::Slip(..) | Self::Compliance(_) => Part::Actuators,
         }
     }
 
@@ -197,6 +210,8 @@ impl Free {
             Self::Quadratic(r) => stage.modes[r].quadratic,
             Self::Cubic(r) => stage.modes[r].cubic,
             Self::Delay(j) => stage.drives[j].delay_s,
+            Self::Slip(j, k) => stage.drives[j].slips[k][1],
+            Self::Compliance(r) => stage.modes[r].compliance,
             Self::Play(j, knot) => stage.drives[j].plays[knot * PLAYS_BY_KNOT][1],
             Self::Creep(j, k) => stage.drives[j].creep[k][0],
             Self::Lag(i) => stage.sensors[i].lag_s,
@@ -224,6 +239,8 @@ impl Free {
             Self::Quadratic(r) => stage.modes[r].quadratic = value,
             Self::Cubic(r) => stage.modes[r].cubic = value,
             Self::Delay(j) => stage.drives[j].delay_s = value.max(0.0),
+            Self::Slip(j, k) => stage.drives[j].slips[k][1] = value.max(0.0),
+            Self::Compliance(r) => stage.modes[r].compliance = value.max(0.0),
             Self::Play(j, knot) => {
                 let at = knot * PLAYS_BY_KNOT;
                 let plays = &mut stage.drives[j].plays;
@@ -290,7 +307,11 @@ impl Scales {
         match free {
             Free::LogFrequency(_) => 1e-5,
             Free::LogDamping(_) | Free::LogFrictionBend(_) => 1e-4,
-            Free::OfDrive(..) | Free::Play(..) | Free::Creep(..) => 1e-4,
+            Free::OfDrive(..)
+            | Free::Play(..)
+            | Free::Creep(..)
+            | Free::Slip(..)
+            | Free::Compliance(_) => 1e-4,
             Free::OfSensor(_, i) => 1e-4 * self.reading_rms[i] / self.reach(),
             Free::FrictionForce(_) => 1e-4 * self.reach(),
             Free::Quadratic(_) => 1e-4 / self.reach(),
@@ -313,6 +334,9 @@ const KNOTS: usize = 7;
 const PLAYS_BY_KNOT: usize = 4;
 /// Play operators of a drive.
 const PLAYS: usize = (KNOTS - 1) * PLAYS_BY_KNOT + 1;
+/// Thresholds of the Maxwell-slip elements of an actuator, by its greatest extension: from where everything
+/// slips to a hundredth of it, three to the decade and a half.
+const SLIP_THRESHOLDS: [f64; 4] = [0.01, 0.04, 0.15, 0.5];
 /// Terms of creep of a drive, spread evenly over the logarithm of time.
 const CREEP_TERMS: usize = 4;
 /// Fastest term of creep, in sampling periods: below it creep and a lag are one.
@@ -337,8 +361,8 @@ impl Described {
         }
     }
 
-    /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, or the
-    /// motion within which friction builds up.
+    /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, the
+    /// motion within which friction builds up, or the greatest extension of an actuator.
     pub(super) fn with(&self, effect: AxisEffect, guess: [f64; 2], scales: &Scales) -> Self {
         let mut out = self.clone();
         let stage = &mut out.stage;
@@ -348,6 +372,9 @@ impl Described {
                 let mut mode =
                     StageMode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
                 mode.of_drives[drive] = 1.0;
+                if stage.is_coupled() {
+                    mode.compliance = 0.0;
+                }
                 stage.modes.push(mode);
             }
             AxisEffect::Hysteresis { drive } => {
@@ -363,6 +390,10 @@ impl Described {
                 let tau_s =
                     |k: usize| from_s * (to_s / from_s).powf(k as f64 / (CREEP_TERMS - 1) as f64);
                 stage.drives[drive].creep = (0..CREEP_TERMS).map(|k| [0.0, tau_s(k)]).collect();
+            }
+            AxisEffect::ActuatorHysteresis { drive } => {
+                stage.drives[drive].slips =
+                    SLIP_THRESHOLDS.map(|share| [share * guess[0], 0.0]).to_vec();
             }
             AxisEffect::Friction { mode } => {
                 stage.modes[mode].friction = Some(ModeFriction {
@@ -411,6 +442,7 @@ impl Described {
             AxisEffect::Hysteresis { drive } => stage.drives[drive].plays.clear(),
             AxisEffect::Creep { drive } => stage.drives[drive].creep.clear(),
             AxisEffect::Delay { drive } => stage.drives[drive].delay_s = 0.0,
+            AxisEffect::ActuatorHysteresis { drive } => stage.drives[drive].slips.clear(),
             AxisEffect::Friction { mode } => stage.modes[mode].friction = None,
             AxisEffect::NonlinearStiffness { mode } => {
                 (stage.modes[mode].quadratic, stage.modes[mode].cubic) = (0.0, 0.0)
@@ -439,6 +471,11 @@ impl Described {
                 .map(|k| Free::Creep(drive, k))
                 .collect(),
             AxisEffect::Delay { drive } => vec![Free::Delay(drive)],
+            AxisEffect::ActuatorHysteresis { drive } => {
+                (0..self.stage.drives[drive].slips.len())
+                    .map(|k| Free::Slip(drive, k))
+                    .collect()
+            }
             AxisEffect::Friction { mode } => {
                 vec![Free::FrictionForce(mode), Free::LogFrictionBend(mode)]
             }
@@ -451,10 +488,22 @@ impl Described {
 
     /// All numbers that are estimated.
     pub(super) fn free(&self) -> Vec<Free> {
-        self.effects
-            .iter()
-            .flat_map(|effect| self.free_of(*effect))
-            .collect()
+        let of_effects = self.effects.iter().flat_map(|effect| self.free_of(*effect));
+        of_effects.chain(self.compliances()).collect()
+    }
+
+    /// Compliances that the actuators with memory feel: of all modes that one moves but the first, which
+    /// gives its extension a unit.
+    fn compliances(&self) -> Vec<Free> {
+        let mut felt = Vec::new();
+        for (j, _) in self.stage.drives.iter().enumerate().filter(|(_, d)| !d.slips.is_empty()) {
+            let moved = (0..self.stage.modes.len())
+                .filter(|r| self.stage.modes[*r].of_drives[j] != 0.0);
+            felt.extend(moved.skip(1));
+        }
+        felt.sort_unstable();
+        felt.dedup();
+        felt.into_iter().map(Free::Compliance).collect()
     }
 
     /// How many numbers are estimated.
