@@ -3,7 +3,7 @@
 //!
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
 //! where a model has 25 by seven numbers, its creep 7 terms at other times, its actuators 12 Maxwell-slip
-//! elements where a model has 4, and its readings have noise.
+//! elements where a model has 10 by four numbers, and its readings have noise.
 
 use super::finder::{AxesFound, AxesPolicy, AxisFinding, find};
 use super::recordings::{AxesData, AxesRecord};

@@ -210,7 +210,7 @@ impl Free {
             Self::Quadratic(r) => stage.modes[r].quadratic,
             Self::Cubic(r) => stage.modes[r].cubic,
             Self::Delay(j) => stage.drives[j].delay_s,
-            Self::Slip(j, k) => stage.drives[j].slips[k][1],
+            Self::Slip(j, knot) => stage.drives[j].slips[knot * SLIPS_BY_KNOT][1],
             Self::Compliance(r) => stage.modes[r].compliance,
             Self::Play(j, knot) => stage.drives[j].plays[knot * PLAYS_BY_KNOT][1],
             Self::Creep(j, k) => stage.drives[j].creep[k][0],
@@ -239,20 +239,28 @@ impl Free {
             Self::Quadratic(r) => stage.modes[r].quadratic = value,
             Self::Cubic(r) => stage.modes[r].cubic = value,
             Self::Delay(j) => stage.drives[j].delay_s = value.max(0.0),
-            Self::Slip(j, k) => stage.drives[j].slips[k][1] = value.max(0.0),
+            Self::Slip(j, knot) => {
+                let at = knot * SLIPS_BY_KNOT;
+                let by = value.max(0.0) - stage.drives[j].slips[at][1];
+                add_around(&mut stage.drives[j].slips, at, SLIPS_BY_KNOT, by);
+            }
             Self::Compliance(r) => stage.modes[r].compliance = value.max(0.0),
             Self::Play(j, knot) => {
                 let at = knot * PLAYS_BY_KNOT;
-                let plays = &mut stage.drives[j].plays;
-                let by = value - plays[at][1];
-                for (k, play) in plays.iter_mut().enumerate() {
-                    play[1] += by * (1.0 - k.abs_diff(at) as f64 / PLAYS_BY_KNOT as f64).max(0.0);
-                }
+                let by = value - stage.drives[j].plays[at][1];
+                add_around(&mut stage.drives[j].plays, at, PLAYS_BY_KNOT, by);
             }
             Self::Creep(j, k) => stage.drives[j].creep[k][0] = value,
             Self::Lag(i) => stage.sensors[i].lag_s = value.max(0.0),
             Self::Feedthrough(i, j) => stage.feedthrough[i][j] = value,
         }
+    }
+}
+
+/// Adds to the weight of an element, less to those beside it, nothing from the next knots on.
+fn add_around(elements: &mut [[f64; 2]], at: usize, to_next_knot: usize, by: f64) {
+    for (k, element) in elements.iter_mut().enumerate() {
+        element[1] += by * (1.0 - k.abs_diff(at) as f64 / to_next_knot as f64).max(0.0);
     }
 }
 
@@ -334,9 +342,12 @@ const KNOTS: usize = 7;
 const PLAYS_BY_KNOT: usize = 4;
 /// Play operators of a drive.
 const PLAYS: usize = (KNOTS - 1) * PLAYS_BY_KNOT + 1;
-/// Thresholds of the Maxwell-slip elements of an actuator, by its greatest extension: from where everything
-/// slips to a hundredth of it, three to the decade and a half.
-const SLIP_THRESHOLDS: [f64; 4] = [0.01, 0.04, 0.15, 0.5];
+/// Knots of the Maxwell-slip elements of an actuator, three elements from one to the next: their thresholds are
+/// spread evenly over the logarithm, between these shares of its greatest extension.
+const SLIP_KNOTS: usize = 4;
+const SLIPS_BY_KNOT: usize = 3;
+const SLIPS: usize = (SLIP_KNOTS - 1) * SLIPS_BY_KNOT + 1;
+const SLIP_SHARES: [f64; 2] = [0.01, 0.6];
 /// Terms of creep of a drive, spread evenly over the logarithm of time.
 const CREEP_TERMS: usize = 4;
 /// Fastest term of creep, in sampling periods: below it creep and a lag are one.
@@ -392,8 +403,10 @@ impl Described {
                 stage.drives[drive].creep = (0..CREEP_TERMS).map(|k| [0.0, tau_s(k)]).collect();
             }
             AxisEffect::ActuatorHysteresis { drive } => {
+                let [least, most] = SLIP_SHARES;
+                let share = |k: usize| least * (most / least).powf(k as f64 / (SLIPS - 1) as f64);
                 stage.drives[drive].slips =
-                    SLIP_THRESHOLDS.map(|share| [share * guess[0], 0.0]).to_vec();
+                    (0..SLIPS).map(|k| [share(k) * guess[0], 0.0]).collect();
             }
             AxisEffect::Friction { mode } => {
                 stage.modes[mode].friction = Some(ModeFriction {
@@ -471,11 +484,9 @@ impl Described {
                 .map(|k| Free::Creep(drive, k))
                 .collect(),
             AxisEffect::Delay { drive } => vec![Free::Delay(drive)],
-            AxisEffect::ActuatorHysteresis { drive } => {
-                (0..self.stage.drives[drive].slips.len())
-                    .map(|k| Free::Slip(drive, k))
-                    .collect()
-            }
+            AxisEffect::ActuatorHysteresis { drive } => (0..SLIP_KNOTS)
+                .map(|knot| Free::Slip(drive, knot))
+                .collect(),
             AxisEffect::Friction { mode } => {
                 vec![Free::FrictionForce(mode), Free::LogFrictionBend(mode)]
             }
