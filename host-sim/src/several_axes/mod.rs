@@ -7,7 +7,7 @@
 //! which couples the modes (`stage_motion`):
 //!
 //! ```text
-//! w_j = creep_j(hysteresis_j(u_j(t - delay_j))) - slips_j(sum_r compliance_r of_drives_rj q_r)
+//! w_j = creep_j(hysteresis_j(u_j(t - delay_j))) - memory_j(sum_r compliance_r of_drives_rj q_r)
 //! q_r'' / w0_r^2 + 2 zeta_r q_r' / w0_r + q_r = sum_j of_drives_rj w_j - friction_r - quadratic_r q_r^2 -
 //! cubic_r q_r^3 y_i = lag_i(sum_r of_sensors_ir q_r + sum_j feedthrough_ij w_j)
 //! ```
@@ -22,7 +22,7 @@ mod drive_path;
 mod modal_motion;
 mod stage_motion;
 
-pub use drive_path::{DrivePath, DriveRun, Held};
+pub use drive_path::{ActuatorSoftening, DrivePath, DriveRun, Held};
 pub use modal_motion::{ModalMotion, ModeFriction, StageMode};
 
 use serde::{Deserialize, Serialize};
@@ -94,7 +94,21 @@ impl ModalStage {
     /// Whether the force of an actuator depends on its extension, by which every mode moves every other.
     #[must_use]
     pub fn is_coupled(&self) -> bool {
-        self.drives.iter().any(|drive| !drive.slips.is_empty())
+        self.drives.iter().any(DrivePath::has_memory)
+    }
+
+    /// What a unit force of an actuator extends it by at rest.
+    #[must_use]
+    pub fn extension_by_force(&self, drive: usize) -> f64 {
+        let of_mode = |mode: &StageMode| mode.compliance * mode.of_drives[drive].powi(2);
+        self.modes.iter().map(of_mode).sum()
+    }
+
+    /// Largest stiffness that the softening of an actuator may take. Half of it counts against the modes: the
+    /// trace of what all actuators take then stays below the stiffness of the structure.
+    #[must_use]
+    pub fn softening_most(&self, drive: usize) -> f64 {
+        2.0 / (self.drives.len() as f64 * self.extension_by_force(drive)).max(f64::MIN_POSITIVE)
     }
 
     /// The motions at the samples of the modes that are wanted, under the signals of all drives; where
@@ -401,7 +415,11 @@ mod tests {
         let force = 2.0 / (1.0 + 0.6 * extension_by_force);
         for i in 0..2 {
             let expected = force * stage.static_gain()[i][1];
-            assert!((y[i][6399] - expected).abs() < 1e-6, "{} {expected}", y[i][6399]);
+            assert!(
+                (y[i][6399] - expected).abs() < 1e-6,
+                "{} {expected}",
+                y[i][6399]
+            );
         }
     }
 
@@ -420,5 +438,49 @@ mod tests {
         let late = ringing(&stage, 600..800);
         stage.drives[1].slips.clear();
         assert!(late < 0.5 * ringing(&stage, 600..800) && late < early);
+    }
+
+    #[test]
+    fn a_complex_mode_answers_the_rate_of_its_drive() {
+        let mut stage = ModalStage::at_rest(1, 1);
+        stage.drives[0].delay_s = 0.3 / 6400.0;
+        stage.modes.push(StageMode {
+            of_rates: vec![1.0],
+            of_sensors: vec![1.0],
+            ..StageMode::linear(200.0, 0.05, 1, 1)
+        });
+        let mut u = vec![vec![2.0; 200]];
+        u[0][0] = 0.0;
+        let y = stage.simulate(&u, 1.0 / 6400.0, false);
+        let natural = std::f64::consts::TAU * 200.0;
+        let damped = natural * (1.0 - 0.05_f64.powi(2)).sqrt();
+        for (k, reading) in y[0].iter().enumerate().skip(2) {
+            let since_s = (k as f64 - 1.3) / 6400.0;
+            let expected = 2.0 * natural / damped
+                * (-0.05 * natural * since_s).exp()
+                * (damped * since_s).sin();
+            assert!(
+                (reading - expected).abs() < 1e-9,
+                "{k}: {reading} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_actuator_that_moves_softens_within_the_stiffness_of_the_stage() {
+        let mut stage = stage();
+        stage.drives[1].softening = Some(ActuatorSoftening {
+            stiffness: stage.softening_most(1),
+            half_at: 1.0,
+        });
+        // Far below the modes: the amplitude is that of the stiffness.
+        let by_drive = |reach: f64| -> f64 {
+            let sine = |k: i32| reach * (0.02 * f64::from(k)).sin();
+            let u = vec![vec![0.0; 12800], (0..12800).map(sine).collect()];
+            let y = stage.simulate(&u, 1.0 / 6400.0, false);
+            y[1][9600..].iter().fold(0.0_f64, |m, y| m.max(y.abs())) / reach
+        };
+        assert!(by_drive(20.0) > 1.2 * by_drive(0.1));
+        assert!(by_drive(1e4) < 3.0 * by_drive(0.1));
     }
 }

@@ -24,6 +24,10 @@ pub struct StageMode {
     pub damping_ratio: f64,
     /// Participation of every drive.
     pub of_drives: Vec<f64>,
+    /// Participation of the rate of every drive, by the natural frequency: where damping is not proportional
+    /// the shape of a mode is complex. Empty where it is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of_rates: Vec<f64>,
     /// Participation of every sensor, reading by drive.
     pub of_sensors: Vec<f64>,
     /// How far its coordinate extends an actuator, by the participation of the drive; not negative. Only an
@@ -53,12 +57,19 @@ impl StageMode {
             frequency_hz,
             damping_ratio,
             of_drives: vec![0.0; drives],
+            of_rates: Vec::new(),
             of_sensors: vec![0.0; sensors],
             compliance: unit_compliance(),
             friction: None,
             quadratic: 0.0,
             cubic: 0.0,
         }
+    }
+
+    /// Participation of the rate of a drive.
+    #[must_use]
+    pub fn of_rate(&self, drive: usize) -> f64 {
+        self.of_rates.get(drive).copied().unwrap_or(0.0)
     }
 
     /// Whether forces depend on its motion.
@@ -130,12 +141,7 @@ impl ModalMotion {
     }
 
     /// At rest, with so many steps in a period.
-    pub(super) fn with_steps(
-        mode: &StageMode,
-        switching: &[f64],
-        dt_s: f64,
-        steps: usize,
-    ) -> Self {
+    pub(super) fn with_steps(mode: &StageMode, switching: &[f64], dt_s: f64, steps: usize) -> Self {
         let frequency = std::f64::consts::TAU * mode.frequency_hz;
         let damping = mode.damping_ratio.clamp(0.0, 0.99);
         let h = dt_s / steps as f64;
@@ -151,20 +157,38 @@ impl ModalMotion {
                 decay * (cos - rate * sin),
             ],
         ];
+        // What a unit jump of a drive moves through its rate: it starts with the natural frequency.
+        let after_jump = |time_s: f64| {
+            let (sin, cos) = (damped * time_s).sin_cos();
+            let decay = frequency * (-damping * frequency * time_s).exp();
+            [decay * sin / damped, decay * (cos - rate * sin)]
+        };
         // A unit ramp that reaches 1 at the end.
         let two_damping = 2.0 * damping / frequency;
         let position = h - two_damping
             + decay * (two_damping * cos + (2.0 * damping * damping - 1.0) / damped * sin);
         let ramp = [position / h, held[0] / h];
         // A drive changes inside one of the steps; before it the early value acts, behind it the late one.
-        let gain = |step: usize, share: f64, of_drive: f64| {
-            let behind = (share * steps as f64 - step as f64).clamp(0.0, 1.0);
-            let late = after_step(frequency, damping, (1.0 - behind) * h);
-            [0, 1].map(|i| [of_drive * (held[i] - late[i]), of_drive * late[i]])
+        let gain = |step: usize, share: f64, drive: usize| {
+            let inside = share * steps as f64 - step as f64;
+            let left_s = (1.0 - inside.clamp(0.0, 1.0)) * h;
+            let (late, of_drive) = (
+                after_step(frequency, damping, left_s),
+                mode.of_drives[drive],
+            );
+            let jumps = (0.0..1.0).contains(&inside);
+            let of_jump = if jumps { mode.of_rate(drive) } else { 0.0 };
+            let jump = after_jump(left_s);
+            [0, 1].map(|i| {
+                [
+                    of_drive * (held[i] - late[i]) - of_jump * jump[i],
+                    of_drive * late[i] + of_jump * jump[i],
+                ]
+            })
         };
         let gains = |step: usize| {
-            let drives = switching.iter().zip(&mode.of_drives);
-            drives.map(move |(share, of_drive)| gain(step, *share, *of_drive))
+            let drives = switching.iter().enumerate();
+            drives.map(move |(drive, share)| gain(step, *share, drive))
         };
         Self {
             mode: mode.clone(),
@@ -258,8 +282,7 @@ impl ModalMotion {
     /// Where a step ends if its force runs straight to what it is at the end.
     fn end(&self) -> [f64; 2] {
         let change = self.end_force - self.force;
-        let given =
-            |i: usize| self.driven[i] + self.force * self.held[i] + change * self.ramp[i];
+        let given = |i: usize| self.driven[i] + self.force * self.held[i] + change * self.ramp[i];
         [given(0), given(1)]
     }
 

@@ -7,18 +7,28 @@
 //!
 //! ```text
 //! s_k = clamp(s_k + change of e_j, -threshold_k, threshold_k)
-//! force_j = w_j - sum_k stiffness_k s_k
+//! force_j = w_j - sum_k stiffness_k s_k - softening_j
 //! ```
 //!
-//! They only store and lose energy where stiffness and compliance are not negative, so that no values make
-//! the stage unstable.
+//! and it softens while it moves, by the RMS of its extension over the last [`RELAXES_S`]:
+//!
+//! ```text
+//! softening_j = stiffness (half_at / (RMS + half_at) - 1 / 2) e_j
+//! ```
+//!
+//! Maxwell-slip elements only store and lose energy where stiffness and compliance are not negative. Softening
+//! cannot take more than the stiffness of the structure within [`ModalStage::softening_most`].
 
 use super::modal_motion::{CORRECTIONS, ModalMotion, steps_needed};
-use super::{Held, ModalStage};
+use super::{ActuatorSoftening, Held, ModalStage};
 
 /// Steps in a period in which the force of an actuator runs straight: at a tenth of the sampling rate it then
 /// errs by 1 %.
 const STEPS_OF_ACTUATORS: usize = 2;
+
+/// Time over which an actuator forgets that it moved. On the fine steering mirror anything from 0.3 s on does as
+/// well, and less does worse.
+const RELAXES_S: f64 = 0.3;
 
 /// A Maxwell-slip element that is stepped.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +46,11 @@ struct ActuatorMemory {
     /// What each mode extends it by.
     extends: Vec<f64>,
     slips: Vec<Slip>,
+    softening: Option<ActuatorSoftening>,
     extension: f64,
+    /// Mean square of the extension, and what a step leaves of it.
+    square: f64,
+    square_stays: f64,
 }
 
 impl Slip {
@@ -54,7 +68,11 @@ impl ActuatorMemory {
     fn force(&self, extension: f64) -> f64 {
         let change = extension - self.extension;
         let of_slip = |slip: &Slip| slip.stiffness * slip.stretch_after(change);
-        self.slips.iter().map(of_slip).sum()
+        let of_slips: f64 = self.slips.iter().map(of_slip).sum();
+        self.softening.map_or(of_slips, |softening| {
+            let stays = softening.half_at / (self.square.sqrt() + softening.half_at);
+            of_slips + softening.stiffness * (stays - 0.5) * extension
+        })
     }
 
     fn move_to(&mut self, extension: f64) {
@@ -63,6 +81,7 @@ impl ActuatorMemory {
             slip.stretch = slip.stretch_after(change);
         }
         self.extension = extension;
+        self.square += (1.0 - self.square_stays) * (extension * extension - self.square);
     }
 }
 
@@ -77,7 +96,10 @@ impl StageMotion {
     /// At rest: the modes with these numbers, all of them where an actuator couples them.
     pub(super) fn new(stage: &ModalStage, numbers: &[usize], dt_s: f64) -> Self {
         let modes = || numbers.iter().map(|r| &stage.modes[*r]);
-        let remembering = (0..stage.drives.len()).filter(|j| !stage.drives[*j].slips.is_empty());
+        let remembering = (0..stage.drives.len()).filter(|j| stage.drives[*j].has_memory());
+        let together = modes()
+            .map(|mode| steps_needed(mode, dt_s))
+            .fold(STEPS_OF_ACTUATORS, usize::max);
         let actuators: Vec<ActuatorMemory> = remembering
             .map(|j| ActuatorMemory {
                 acts: modes().map(|mode| mode.of_drives[j]).collect(),
@@ -93,12 +115,12 @@ impl StageMotion {
                         stretch: 0.0,
                     })
                     .collect(),
+                softening: stage.drives[j].softening,
                 extension: 0.0,
+                square: 0.0,
+                square_stays: (-dt_s / together as f64 / RELAXES_S).exp(),
             })
             .collect();
-        let together = modes()
-            .map(|mode| steps_needed(mode, dt_s))
-            .fold(STEPS_OF_ACTUATORS, usize::max);
         let switching = stage.switching(dt_s);
         let motion = |mode| {
             if actuators.is_empty() {
@@ -149,8 +171,9 @@ impl StageMotion {
             }
             self.modes.iter_mut().for_each(ModalMotion::finish);
             for actuator in &mut self.actuators {
-                actuator.move_to(actuator.extension(&self.modes, ModalMotion::position));
-                let force = actuator.force(actuator.extension);
+                let extension = actuator.extension(&self.modes, ModalMotion::position);
+                actuator.move_to(extension);
+                let force = actuator.force(extension);
                 for (mode, share) in self.modes.iter_mut().zip(&actuator.acts) {
                     mode.load_by(-share * force);
                 }

@@ -49,11 +49,17 @@ pub enum AxesCommand {
         /// Folder with dataset.toml, or a manifest, whose columns are lists
         dataset: PathBuf,
         /// Modes, in which every drive and sensor takes part
-        #[arg(long)]
+        #[arg(long, default_value_t = 12)]
         modes: usize,
+        /// Model to start from, instead of modes in the responses
+        #[arg(long, value_name = "MODEL")]
+        from: Option<PathBuf>,
         /// The forces of the actuators remember their extension
         #[arg(long)]
         actuator_hysteresis: bool,
+        /// The actuators soften while they move
+        #[arg(long)]
+        actuator_softening: bool,
         /// Write the model
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
@@ -139,7 +145,9 @@ pub fn axes(command: AxesCommand) -> Result<bool> {
         AxesCommand::Identify {
             dataset,
             modes,
+            from,
             actuator_hysteresis,
+            actuator_softening,
             out,
             json,
             force,
@@ -148,13 +156,20 @@ pub fn axes(command: AxesCommand) -> Result<bool> {
             let structure = Structure {
                 modes,
                 actuator_hysteresis,
+                actuator_softening,
             };
             let outputs = Outputs {
                 json,
                 report: None,
                 force,
             };
-            identify_structure(&dataset, structure, out.as_deref(), &time, &outputs)
+            identify_structure(
+                &dataset,
+                structure,
+                [from.as_deref(), out.as_deref()],
+                &time,
+                &outputs,
+            )
         }
         AxesCommand::Decouple {
             model,
@@ -229,6 +244,26 @@ fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
     )
 }
 
+/// A model to start from, if it has the drives and sensors of a data set.
+fn read_start(desk: &Desk, from: &Path, data: &AxesData) -> Result<Described> {
+    let model = read_model(desk, from)?;
+    let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
+    if (drives, sensors) != (data.drives.len(), data.sensors.len()) {
+        return Err(wrong(
+            from,
+            format!(
+                "has {drives} drives and {sensors} sensors; expected {} and {} as in the data set",
+                data.drives.len(),
+                data.sensors.len()
+            ),
+        ));
+    }
+    Ok(Described {
+        stage: model.stage,
+        effects: model.effects,
+    })
+}
+
 /// How a search is done.
 pub struct Manner {
     /// Every step is printed.
@@ -250,27 +285,7 @@ pub fn explain(
     let data = load(&desk, path)?;
     let start = match from {
         None => Described::empty(&data),
-        Some(from) => {
-            let model = read_model(&desk, from)?;
-            if (model.stage.drives.len(), model.stage.sensors.len())
-                != (data.drives.len(), data.sensors.len())
-            {
-                return Err(wrong(
-                    from,
-                    format!(
-                        "has {} drives and {} sensors; expected {} and {} as in the data set",
-                        model.stage.drives.len(),
-                        model.stage.sensors.len(),
-                        data.drives.len(),
-                        data.sensors.len()
-                    ),
-                ));
-            }
-            Described {
-                stage: model.stage,
-                effects: model.effects,
-            }
-        }
+        Some(from) => read_start(&desk, from, &data)?,
     };
     desk.target(out)?;
     outputs.check(&desk)?;
@@ -341,17 +356,20 @@ struct IdentifiedFigures {
 fn identify_structure(
     path: &Path,
     structure: Structure,
-    out: Option<&Path>,
+    [from, out]: [Option<&Path>; 2],
     time: &TimeArguments,
     outputs: &Outputs,
 ) -> Result<bool> {
     let started = Instant::now();
     let desk = Desk::new(outputs.force);
     let data = load(&desk, path)?;
+    let from = from
+        .map(|from| read_start(&desk, from, &data))
+        .transpose()?;
     desk.target(out)?;
     outputs.check(&desk)?;
     let progress = Progress::start();
-    let model = time.beside(&progress, |watch| identify(&data, structure, watch))?;
+    let model = time.beside(&progress, |watch| identify(&data, from, structure, watch))?;
     drop(progress);
     let figures = IdentifiedFigures {
         name: data.name.clone(),

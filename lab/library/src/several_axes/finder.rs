@@ -404,9 +404,7 @@ impl Search<'_> {
         }
         let signals = self.problem.simulate(&model.stage);
         out.extend((0..drives).filter_map(|drive| {
-            let reach = self
-                .problem
-                .extension_reach(&model.stage, &signals, drive);
+            let reach = self.problem.extension_reach(&model.stage, &signals, drive);
             let effect = AxisEffect::ActuatorHysteresis { drive };
             (reach > 0.0).then_some(Candidate {
                 effect,

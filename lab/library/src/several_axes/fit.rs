@@ -73,11 +73,7 @@ impl<'d> Problem<'d> {
     }
 
     fn weighted(data: &'d AxesData, weight: impl Fn(&AxesRecord, usize) -> f64) -> Self {
-        let of_record = |record| {
-            (0..data.sensors.len())
-                .map(|i| weight(record, i))
-                .collect()
-        };
+        let of_record = |record| (0..data.sensors.len()).map(|i| weight(record, i)).collect();
         Self {
             data,
             weights: data.records.iter().map(of_record).collect(),
@@ -263,7 +259,12 @@ impl<'d> Problem<'d> {
     }
 
     /// The greatest extension of an actuator, from where it rests in each record.
-    pub(super) fn extension_reach(&self, stage: &ModalStage, signals: &Signals, drive: usize) -> f64 {
+    pub(super) fn extension_reach(
+        &self,
+        stage: &ModalStage,
+        signals: &Signals,
+        drive: usize,
+    ) -> f64 {
         let shares: Vec<f64> = stage
             .modes
             .iter()
@@ -271,7 +272,11 @@ impl<'d> Problem<'d> {
             .collect();
         let reach = |modes: &Vec<Vec<f64>>| {
             let extension = |k: usize| -> f64 {
-                shares.iter().zip(modes).map(|(share, q)| share * q[k]).sum()
+                shares
+                    .iter()
+                    .zip(modes)
+                    .map(|(share, q)| share * q[k])
+                    .sum()
             };
             let samples = modes.first().map_or(0, Vec::len);
             (0..samples).fold(0.0_f64, |m, k| m.max((extension(k) - extension(0)).abs()))

@@ -9,6 +9,7 @@ use super::modal_start::modal_start;
 use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
+use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::error::{Error, Result};
 use crate::statistics::mean;
 use crate::watch::Watch;
@@ -21,6 +22,8 @@ pub struct Structure {
     pub modes: usize,
     /// Whether the forces of the actuators remember their extension.
     pub actuator_hysteresis: bool,
+    /// Whether the actuators soften while they move.
+    pub actuator_softening: bool,
 }
 
 /// Error of a model on a record.
@@ -40,11 +43,16 @@ const ROUNDS: usize = 12;
 /// A round that lowers the squares by less ends the fit: half of that is a fifth of a per cent of an error.
 const FALL_ENOUGH: f64 = 4e-3;
 
-/// Identifies a model.
+/// Identifies a model, or refines one.
 ///
 /// # Errors
 /// When the responses show no mode, or the watch stops it.
-pub fn identify(data: &AxesData, structure: Structure, watch: &dyn Watch) -> Result<Described> {
+pub fn identify(
+    data: &AxesData,
+    from: Option<Described>,
+    structure: Structure,
+    watch: &dyn Watch,
+) -> Result<Described> {
     let problem = Problem::with_model_error(data);
     let refined = |mut model: Described| -> Result<Described> {
         let mut cost = problem.cost(&model.stage, Role::Identify);
@@ -54,22 +62,34 @@ pub fn identify(data: &AxesData, structure: Structure, watch: &dyn Watch) -> Res
             }
             model = problem.fit(&model, STEPS, FALL_ENOUGH / STEPS as f64);
             let now = problem.cost(&model.stage, Role::Identify);
-            if now > (1.0 - FALL_ENOUGH) * cost {
+            if now > (1.0 - FALL_ENOUGH) * cost || watch.time_used() > SEARCH_ENDS_AT {
                 break;
             }
             cost = now;
         }
         Ok(model)
     };
-    let mut model = refined(modal_start(data, structure.modes)?)?;
-    if structure.actuator_hysteresis {
-        let signals = problem.simulate(&model.stage);
-        for drive in 0..data.drives.len() {
-            let reach = problem.extension_reach(&model.stage, &signals, drive);
-            let effect = AxisEffect::ActuatorHysteresis { drive };
-            model = model.with(effect, [reach, 0.0], &problem.scales);
+    let mut model = match from {
+        Some(model) => model,
+        None => refined(modal_start(data, structure.modes)?)?,
+    };
+    let signals = problem.simulate(&model.stage);
+    let reach: Vec<f64> = (0..data.drives.len())
+        .map(|drive| problem.extension_reach(&model.stage, &signals, drive))
+        .collect();
+    let add = |mut model: Described, effect: &dyn Fn(usize) -> AxisEffect| {
+        for (drive, reach) in reach.iter().enumerate() {
+            if !model.effects.contains(&effect(drive)) {
+                model = model.with(effect(drive), [*reach, 0.0], &problem.scales);
+            }
         }
-        model = refined(model)?;
+        refined(model)
+    };
+    if structure.actuator_softening {
+        model = add(model, &|drive| AxisEffect::ActuatorSoftening { drive })?;
+    }
+    if structure.actuator_hysteresis {
+        model = add(model, &|drive| AxisEffect::ActuatorHysteresis { drive })?;
     }
     Ok(model)
 }
@@ -86,7 +106,11 @@ pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
             signal.iter().map(|x| (x - mean).powi(2)).sum()
         };
         let (mut left, mut all) = (0.0, 0.0);
-        for (reading, modelled) in record.readings.iter().zip(problem.modelled(&model.stage, n)) {
+        for (reading, modelled) in record
+            .readings
+            .iter()
+            .zip(problem.modelled(&model.stage, n))
+        {
             let error = |k: usize| reading[k] - modelled[k];
             left += about_mean(&counted.clone().map(error).collect::<Vec<f64>>());
             all += about_mean(&reading[counted.clone()]);

@@ -25,6 +25,8 @@ const HIGHEST: f64 = 0.48;
 /// Modes above the highest frequency act together as one there, of the sampling rate.
 const BEYOND: f64 = 0.53;
 const BEYOND_DAMPING: f64 = 0.02;
+/// Least compliance of a mode to start from, of the first one's.
+const COMPLIANCE_LEAST: f64 = 0.05;
 /// Delays that are tried, in sampling periods: up to the one by which a logger's rows are apart.
 const DELAYS: usize = 21;
 const DELAY_STEP: f64 = 0.05;
@@ -39,7 +41,12 @@ pub fn modal_start(data: &AxesData, modes: usize) -> Result<Described> {
     let dt_s = data.records[0].dt_s();
     let found = poles(&lines, modes, dt_s)
         .filter(|poles| !poles.is_empty())
-        .ok_or_else(|| Error::new(&data.name, "no mode is seen in the responses of its records"))?;
+        .ok_or_else(|| {
+            Error::new(
+                &data.name,
+                "no mode is seen in the responses of its records",
+            )
+        })?;
     let mut shapes = found;
     shapes.push([BEYOND / dt_s, BEYOND_DAMPING]);
     let tried = (0..DELAYS).filter_map(|n| {
@@ -51,21 +58,64 @@ pub fn modal_start(data: &AxesData, modes: usize) -> Result<Described> {
         .min_by(|a, b| a.2.total_cmp(&b.2))
         .ok_or_else(|| Error::new(&data.name, "its responses do not fix the modes"))?;
     let mut model = empty;
-    for ([hz, damping], residue) in shapes.iter().zip(&residues) {
-        add_mode(&mut model, *hz, *damping, residue);
+    for (r, [hz, damping]) in shapes.iter().enumerate() {
+        let residue = residues[r].zip_map(&residues[shapes.len() + r], Complex::new);
+        add_mode(&mut model, *hz, *damping, &residue);
     }
-    let at_once = &residues[shapes.len()];
+    let at_once = &residues[2 * shapes.len()];
     for drive in 0..data.drives.len() {
         model.stage.drives[drive].delay_s = delay_s;
         model.effects.push(AxisEffect::Delay { drive });
         for sensor in 0..data.sensors.len() {
             model.stage.feedthrough[sensor][drive] = at_once[(sensor, drive)];
-            model.effects.push(AxisEffect::Feedthrough { drive, sensor });
+            model
+                .effects
+                .push(AxisEffect::Feedthrough { drive, sensor });
         }
     }
     let slow = |sensor| AxisEffect::SensorBandwidth { sensor };
     model.effects.extend((0..data.sensors.len()).map(slow));
+    set_compliances(&mut model, &lines);
     Ok(model)
+}
+
+/// How far each mode extends the actuators, by reciprocity: the combination of the sensors for each actuator
+/// that makes the responses of all extensions to all drives symmetric.
+fn set_compliances(model: &mut Described, lines: &[LineResponse]) {
+    let (sensors, drives) = (model.stage.sensors.len(), model.stage.drives.len());
+    let mut gram = DMatrix::<f64>::zeros(sensors * drives, sensors * drives);
+    for line in lines {
+        let weight = 1.0 / line.measured.norm();
+        for (a, b) in (0..drives).flat_map(|b| (0..b).map(move |a| (a, b))) {
+            let mut row = vec![Complex::new(0.0, 0.0); sensors * drives];
+            for sensor in 0..sensors {
+                row[a * sensors + sensor] += line.measured[(sensor, b)] * weight;
+                row[b * sensors + sensor] -= line.measured[(sensor, a)] * weight;
+            }
+            gram += DMatrix::from_fn(row.len(), row.len(), |i, k| (row[i] * row[k].conj()).re);
+        }
+    }
+    let eigen = gram.symmetric_eigen();
+    let combination = eigen.eigenvectors.column(eigen.eigenvalues.imin());
+    let compliance = |mode: &StageMode| -> f64 {
+        let extension = |drive: usize| -> f64 {
+            (0..sensors)
+                .map(|i| combination[drive * sensors + i] * mode.of_sensors[i])
+                .sum()
+        };
+        let along: f64 = (0..drives).map(|j| mode.of_drives[j] * extension(j)).sum();
+        along
+            / mode
+                .of_drives
+                .iter()
+                .map(|share| share * share)
+                .sum::<f64>()
+    };
+    let all: Vec<f64> = model.stage.modes.iter().map(compliance).collect();
+    // The first mode gives the extensions their unit; a mode that reciprocity does not see has a small one.
+    for (mode, of_mode) in model.stage.modes.iter_mut().zip(&all) {
+        mode.compliance = (of_mode / all[0]).max(COMPLIANCE_LEAST);
+    }
 }
 
 /// Frequencies in Hz and damping ratios of the modes.
@@ -90,10 +140,16 @@ fn poles(lines: &[LineResponse], modes: usize, dt_s: f64) -> Option<Vec<[f64; 2]
     }
     let apart = |a: usize, b: usize| shifts + a - b;
     let spans = |a: usize, b: usize| {
-        let ridge = if a == b { RIDGE * of_drives[0] * shifts as f64 } else { 0.0 };
+        let ridge = if a == b {
+            RIDGE * of_drives[0] * shifts as f64
+        } else {
+            0.0
+        };
         of_drives[a.abs_diff(b)] + ridge
     };
-    let inverse = DMatrix::from_fn(shifts, shifts, spans).cholesky()?.inverse();
+    let inverse = DMatrix::from_fn(shifts, shifts, spans)
+        .cholesky()?
+        .inverse();
     // Each drive apart: what the drives span has no products between them.
     let mut freed = DMatrix::from_fn(shifts * sensors, shifts * sensors, |r, c| {
         of_sensors[apart(r / sensors, c / sensors)][(r % sensors, c % sensors)]
@@ -114,7 +170,9 @@ fn poles(lines: &[LineResponse], modes: usize, dt_s: f64) -> Option<Vec<[f64; 2]
         observed.rows(0, (shifts - 1) * sensors),
         observed.rows(sensors, (shifts - 1) * sensors),
     );
-    let transition = (now.transpose() * now).cholesky()?.solve(&(now.transpose() * next));
+    let transition = (now.transpose() * now)
+        .cholesky()?
+        .solve(&(now.transpose() * next));
     let mut out: Vec<[f64; 2]> = transition
         .complex_eigenvalues()
         .iter()
@@ -127,7 +185,8 @@ fn poles(lines: &[LineResponse], modes: usize, dt_s: f64) -> Option<Vec<[f64; 2]
     Some(out)
 }
 
-/// Residues of modes with known poles, behind them what acts at once, and the squares that they leave.
+/// Residues of modes with known poles, then those of the rates of the drives, then what acts at once; and the
+/// squares that they leave.
 fn residues(
     lines: &[LineResponse],
     shapes: &[[f64; 2]],
@@ -135,7 +194,7 @@ fn residues(
     dt_s: f64,
 ) -> Option<(Vec<DMatrix<f64>>, f64)> {
     let (sensors, drives) = lines.first()?.measured.shape();
-    let count = shapes.len() + 1;
+    let count = 2 * shapes.len() + 1;
     let basis = |line: &LineResponse| -> Vec<Complex<f64>> {
         let turn = TAU * line.frequency_hz;
         let half = PI * line.frequency_hz * dt_s;
@@ -145,7 +204,9 @@ fn residues(
             held / Complex::new(1.0 - ratio * ratio, 2.0 * damping * ratio)
         };
         let at_once = Complex::from_polar(1.0, -turn * dt_s);
-        shapes.iter().map(mode).chain([at_once]).collect()
+        let rate = |shape: &[f64; 2]| mode(shape) * Complex::new(0.0, line.frequency_hz / shape[0]);
+        let of_modes = shapes.iter().map(mode).chain(shapes.iter().map(rate));
+        of_modes.chain([at_once]).collect()
     };
     let mut gram = DMatrix::<f64>::zeros(count, count);
     let mut against = DMatrix::<f64>::zeros(count, sensors * drives);
@@ -169,24 +230,35 @@ fn residues(
 }
 
 /// Adds a mode in which every drive and sensor takes part, by the part of its residue that has rank one.
-fn add_mode(model: &mut Described, hz: f64, damping: f64, residue: &DMatrix<f64>) {
+fn add_mode(model: &mut Described, hz: f64, damping: f64, residue: &DMatrix<Complex<f64>>) {
     let svd = residue.clone().svd(true, true);
     let (Some(u), Some(v)) = (&svd.u, &svd.v_t) else {
         return;
     };
     let largest = svd.singular_values.imax();
-    let (of_sensors, of_drives) = (u.column(largest), v.row(largest));
-    let (drive, sensor) = (of_drives.transpose().iamax(), of_sensors.iamax());
-    let scale = of_drives[drive];
+    // The phase that the sensors have in common goes to the drives.
+    let squares: Complex<f64> = u.column(largest).iter().map(|share| share * share).sum();
+    let turned = Complex::from_polar(1.0, -0.5 * squares.arg());
+    let of_sensors: Vec<f64> = u.column(largest).iter().map(|x| (x * turned).re).collect();
+    let of_drives: Vec<Complex<f64>> = v.row(largest).iter().map(|x| x / turned).collect();
+    let place = |shares: &[f64]| {
+        let largest = |a: &usize, b: &usize| shares[*a].abs().total_cmp(&shares[*b].abs());
+        (0..shares.len()).max_by(largest).unwrap_or(0)
+    };
+    let real: Vec<f64> = of_drives.iter().map(|share| share.re).collect();
+    let (drive, sensor) = (place(&real), place(&of_sensors));
+    let scale = real[drive];
     let mode = model.stage.modes.len();
     model.stage.modes.push(StageMode {
-        of_drives: of_drives.iter().map(|share| share / scale).collect(),
+        of_drives: real.iter().map(|share| share / scale).collect(),
+        of_rates: of_drives.iter().map(|share| share.im / scale).collect(),
         of_sensors: of_sensors
             .iter()
             .map(|share| share * scale * svd.singular_values[largest])
             .collect(),
         ..StageMode::linear(hz, damping, of_drives.len(), of_sensors.len())
     });
+    model.effects.push(AxisEffect::ComplexMode { mode });
     model.effects.push(AxisEffect::Vibration {
         mode,
         drive,

@@ -3,7 +3,7 @@
 //!
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
 //! where a model has 25 by seven numbers, its creep 7 terms at other times, its actuators 12 Maxwell-slip
-//! elements where a model has 10 by four numbers, and its readings have noise.
+//! elements where a model has 11 by six numbers, and its readings have noise.
 
 use super::finder::{AxesFound, AxesPolicy, AxisFinding, find};
 use super::recordings::{AxesData, AxesRecord};
@@ -258,11 +258,21 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
         AxisPlant::ActuatorHysteresis => {
             stage.modes[other].of_drives[drive] = random.random_range(0.3..0.6);
             stage.modes[other].compliance = random.random_range(0.5..2.0);
-            let stiffness = random.random_range(0.05..0.15) / SLIPS as f64;
-            let threshold =
-                |k: usize| REACH_V * SLIP_LEAST.powf(1.0 - k as f64 / (SLIPS - 1) as f64);
-            stage.drives[drive].slips = (0..SLIPS).map(|k| [threshold(k), stiffness]).collect();
-            format!("the force of drive {} has memory of its extension", drive + 1)
+            let (total, falls) = (
+                random.random_range(0.05..0.15),
+                random.random_range(1.0..4.0),
+            );
+            let share = |k: usize| k as f64 / (SLIPS - 1) as f64;
+            let weight = |k: usize| (-falls * share(k)).exp();
+            let sum: f64 = (0..SLIPS).map(weight).sum();
+            let threshold = |k: usize| REACH_V * SLIP_LEAST.powf(1.0 - share(k));
+            stage.drives[drive].slips = (0..SLIPS)
+                .map(|k| [threshold(k), total * weight(k) / sum])
+                .collect();
+            format!(
+                "the force of drive {} has memory of its extension",
+                drive + 1
+            )
         }
     };
     let data = recorded(&stage, seed);
@@ -416,8 +426,10 @@ impl PlantedStage {
             AxisEffect::Creep { drive } => !self.stage.drives[drive].creep.is_empty(),
             AxisEffect::Delay { drive } => self.stage.drives[drive].delay_s > 0.0,
             AxisEffect::ActuatorHysteresis { drive } => !self.stage.drives[drive].slips.is_empty(),
+            AxisEffect::ActuatorSoftening { drive } => self.stage.drives[drive].softening.is_some(),
             AxisEffect::Friction { mode } => mode_has(mode, &|m| m.friction.is_some()),
             AxisEffect::NonlinearStiffness { mode } => mode_has(mode, &|m| m.cubic != 0.0),
+            AxisEffect::ComplexMode { mode } => mode_has(mode, &|m| !m.of_rates.is_empty()),
             AxisEffect::SensorBandwidth { sensor } => self.stage.sensors[sensor].lag_s > 0.0,
         }
     }
