@@ -361,6 +361,7 @@ mod tests {
             plays: vec![[0.5, 0.2]],
             creep: vec![[0.02, 0.05]],
             slips: vec![[0.1, 0.2], [0.7, 0.1]],
+            softening: None,
         };
         stage.modes[1].friction = Some(ModeFriction {
             force: 0.3,
