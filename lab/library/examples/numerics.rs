@@ -115,8 +115,9 @@ fn scales() -> Vec<Scales> {
 }
 
 fn decisions(seeds: u64) -> String {
-    let mut table =
-        String::from("noise,gain,rate_hz,seeds,delay_named,within_an_or,other_names,held_out_over_noise\n");
+    let mut table = String::from(
+        "noise,gain,rate_hz,seeds,delay_named,within_an_or,other_names,held_out_over_noise\n",
+    );
     let start = effects_named("hysteresis,vibration").expect("built-in effects");
     for scales in scales() {
         let (mut alone, mut within_an_or) = (0, 0);

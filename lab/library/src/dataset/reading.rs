@@ -448,6 +448,8 @@ pub fn drive_of_file(
             sample_rate_hz: even.sample_rate_hz,
             drive_v: even.u_v,
             reading_um: Some(even.y_um),
+            force_n: even.force_n,
+            auxiliary: even.auxiliary,
             notes: even.notes,
         });
     }
@@ -465,8 +467,8 @@ pub fn drive_of_file(
         start_s: axis.start_s,
         sample_rate_hz: axis.sample_rate_hz,
         drive_v,
-        reading_um: None,
         notes: axis.note.into_iter().collect(),
+        ..PlayedDrive::default()
     })
 }
 
