@@ -14,9 +14,9 @@
 //! gain bends too.
 
 use crate::dataset::{Dataset, Record};
-use crate::engineering::loop_figures;
 use crate::error::Result;
 use crate::identification::nuisance_terms::{Samples, columns, project_out_by_rows};
+use crate::loop_figures::loop_figures;
 use crate::parallel;
 use crate::replay::files;
 use crate::simulate::simulate;
