@@ -1,6 +1,6 @@
 //! What the drives of some records can show at all, whatever the model: several loops, several speeds.
 
-use super::Dataset;
+use super::data_set::Dataset;
 
 /// Turning points closer than this share of the range count as one.
 const ONE_TURNING_POINT: f64 = 0.05;
