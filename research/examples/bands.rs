@@ -52,6 +52,8 @@ fn rows(
             sample_rate_hz: record.sample_rate_hz,
             drive_v: record.drive_v.clone(),
             reading_um: Some(record.displacement_um.clone()),
+            force_n: record.force_n.clone(),
+            auxiliary: record.auxiliary.clone(),
             ..PlayedDrive::default()
         };
         let by_itself = Initial::like(&model, &played, way)?;

@@ -1,6 +1,7 @@
 //! Does a saved model do what was reported of it? A file is explained, its model is written and read, and
 //! compared and simulated on the same file with nothing specified.
 
+use hysteron::Result;
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::reading::{Instructions, drive_of_file, from_file_as};
 use hysteron::dataset::{Dataset, Role};
@@ -11,7 +12,6 @@ use hysteron::origin::{Initial, Way, read_as_recorded};
 use hysteron::phrases::nm;
 use hysteron::statistics::rms;
 use hysteron::watch::Watch;
-use hysteron::{Drive, InitialState, Result};
 
 /// An error is what was reported up to this factor.
 pub const AS_REPORTED: f64 = 1.1;
@@ -109,13 +109,9 @@ pub fn saved_model(
     let floor = noise_floor_beside(&model, &again);
     let compared = fit_figures(&model, &again, &floor, Vec::new(), &[], 0.0);
     let played = drive_of_file(place, bytes, &untold)?;
-    let rows = Drive::held(
-        &played.drive_v,
-        1.0 / played.sample_rate_hz,
-        InitialState::Virgin,
-    );
     let way = Way::told(&model, None, None);
-    let (predicted, _) = Initial::AsRecorded.predict(&model, &played.file, &rows, way, place)?;
+    let (predicted, _) =
+        Initial::AsRecorded.predict(&model, &played.file, &played.rows(), way, place)?;
     let measured = played.reading_um.unwrap_or_default();
     let off = |k: usize| measured[k] - predicted.reading_um[k];
     let judges = judging(&again);

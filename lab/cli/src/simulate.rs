@@ -7,7 +7,7 @@ use hysteron::dataset::PlayedDrive;
 use hysteron::dataset::reading::drive_of_file;
 use hysteron::origin::{Initial, Way, sample_rate_hz};
 use hysteron::phrases::nm;
-use hysteron::{Drive, Error, InitialState, Model, Result};
+use hysteron::{Error, Model, Result};
 use std::path::Path;
 
 /// What is simulated.
@@ -50,12 +50,7 @@ pub fn simulate(
     desk.target(Some(out))?;
     let way = way(&model, reading)?;
     let place = format!("--drive {drive}");
-    let rows = Drive::held(
-        &played.drive_v,
-        1.0 / played.sample_rate_hz,
-        InitialState::Virgin,
-    );
-    let (predicted, begins) = initial.predict(&model, &played.file, &rows, way, &place)?;
+    let (predicted, begins) = initial.predict(&model, &played.file, &played.rows(), way, &place)?;
     let band = &predicted.half_band_um;
     let mut text = format!(
         "t_s,u_v,y_um{}\n",

@@ -71,6 +71,7 @@ pub mod identification;
 pub mod identify;
 #[doc(hidden)]
 pub mod least_squares;
+mod loop_figures;
 #[doc(hidden)]
 pub mod model_file;
 #[doc(hidden)]

@@ -322,6 +322,8 @@ impl Initial {
         let whole = Record {
             window: way.timing as usize..drive_v.len(),
             intersample: way.intersample,
+            force_n: file.force_n.clone(),
+            auxiliary: file.auxiliary.clone(),
             ..Record::new(&file.file, file.sample_rate_hz, drive_v, reading_um.clone())
         };
         Ok(Self::As(start_of(model, &whole)))
@@ -445,5 +447,55 @@ fn in_words(start: &RecordStart) -> String {
         state.into()
     } else {
         format!("{state}, with a constant of {:.6} um", start.offset_um)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model_file::effect_named;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::Overview;
+
+    /// A spring that a recorded force deflects.
+    fn loaded() -> Model {
+        let mut model = Model::new(0.0, 100.0);
+        let overview = Overview::without_data(0.0, 100.0);
+        for (id, values) in [("gain", [0.1]), ("load_force", [0.2])] {
+            let effect = effect_named(id).expect("a built-in effect");
+            model.add(EffectInstance::new(effect, &overview, &values));
+        }
+        model
+    }
+
+    #[test]
+    fn a_recorded_force_acts_in_the_simulation_and_in_its_start() {
+        let model = loaded();
+        let force_n: Vec<f64> = (0..400).map(|k| (k as f64 / 40.0).sin()).collect();
+        let mut played = PlayedDrive {
+            file: "a".into(),
+            sample_rate_hz: 1e3,
+            drive_v: vec![0.0; 400],
+            force_n: Some(force_n),
+            ..PlayedDrive::default()
+        };
+        let reads_um = model.simulate(&played.rows()).into_iter();
+        let read_um: Vec<f64> = reads_um.map(|um| um + 0.5).collect();
+        played.reading_um = Some(read_um.clone());
+        let way = Way::told(&model, None, None);
+        let like = Initial::like(&model, &played, way).expect("a recording");
+        let predicted = |played: &PlayedDrive| {
+            like.predict(&model, "a", &played.rows(), way, "a")
+                .expect("a drive inside the range")
+                .0
+        };
+        let with = predicted(&played);
+        for (um, read_um) in with.reading_um.iter().zip(&read_um) {
+            assert!((um - read_um).abs() < 1e-9, "{um} for {read_um}");
+        }
+        assert!(!with.remarks.iter().any(|note| note.contains("force")));
+        played.force_n = None;
+        let without = predicted(&played);
+        assert!(without.remarks.iter().any(|note| note.contains("force")));
     }
 }

@@ -14,9 +14,9 @@
 //! gain bends too.
 
 use crate::dataset::{Dataset, Record};
-use crate::engineering::loop_figures;
 use crate::error::Result;
 use crate::identification::nuisance_terms::{Samples, columns, project_out_by_rows};
+use crate::loop_figures::loop_figures;
 use crate::parallel;
 use crate::replay::files;
 use crate::simulate::simulate;
@@ -338,10 +338,22 @@ fn unseen_creep(model: &Model, recorded_s: f64, lasts_s: f64) -> Vec<Model> {
 /// What of a drive lies outside what the model was identified from, a sentence each.
 #[must_use]
 pub fn beyond(model: &Model, drive: &Drive) -> Vec<String> {
+    let mut out = Vec::new();
+    let takes_force = model
+        .effects
+        .iter()
+        .find(|e| e.effect.declaration().needs_force);
+    if let (Some(effect), None) = (takes_force, drive.force_n) {
+        out.push(format!(
+            "{} takes a force, and the drive comes without one: as if none acted",
+            effect.id
+        ));
+    }
     let Some(known) = model.identified.as_deref() else {
-        return vec![
+        out.push(
             "the model file does not say what it was identified from, so no band is given".into(),
-        ];
+        );
+        return out;
     };
     let (low, high) = crate::statistics::extremes(drive.drive_v);
     let lasts_s = drive.drive_v.len() as f64 * drive.dt_s;
@@ -352,7 +364,6 @@ pub fn beyond(model: &Model, drive: &Drive) -> Vec<String> {
         .fold(0.0, f64::max)
         / drive.dt_s;
     let margin = BEYOND * (known.high_v - known.low_v);
-    let mut out = Vec::new();
     if lasts_s > (1.0 + BEYOND) * known.seconds {
         out.push(format!(
             "the drive lasts {lasts_s:.3} s, the longest record {:.3} s: creep and drift beyond that are a guess",

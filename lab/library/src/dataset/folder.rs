@@ -1,6 +1,6 @@
 //! Data sets from the file system: a folder with `dataset.toml`, a manifest, or one file of numbers.
 
-use super::Dataset;
+use super::data_set::Dataset;
 use super::reading::{Files, Instructions, from_file_as, from_manifest_as};
 use crate::error::{Error, Result};
 use std::io::Read;

@@ -1,8 +1,8 @@
 //! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest
 //! known one named.
 
-use super::Role;
 use super::column_rules::{ColumnName, ColumnRules, Columns, PerColumn};
+use super::record::Role;
 use super::timing::Timing;
 use crate::error::{Error, Result, line_of, nearest};
 use hysteron_sim::chain::InitialState;

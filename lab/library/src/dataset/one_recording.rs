@@ -8,10 +8,11 @@
 //! every part.
 
 use super::circumstances::Circumstances;
+use super::data_set::SAMPLES_MIN;
 use super::holds::holds;
 use super::motion_sections::{Section, moves, runs_of_steps, sections};
 use super::reading::Even;
-use super::{Record, Role, SAMPLES_MIN};
+use super::record::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use hysteron_sim::chain::InitialState;
 use std::ops::Range;

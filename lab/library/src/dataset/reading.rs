@@ -2,16 +2,18 @@
 
 use super::behaviour::rows_between_news;
 use super::column_rules::ColumnRules;
+use super::data_set::{Dataset, SAMPLES_MIN};
 use super::issue::Issue;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
+use super::one_timing::bring_to_one_timing;
 use super::readers::{self, Hints};
 use super::recognise;
+use super::record::{Periods, PlayedDrive, Record, Role};
 use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
-use super::timing::{Timing, bring_to_one_timing};
+use super::timing::Timing;
 use super::units::SignalUnits;
-use super::{Dataset, Periods, PlayedDrive, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
@@ -448,6 +450,8 @@ pub fn drive_of_file(
             sample_rate_hz: even.sample_rate_hz,
             drive_v: even.u_v,
             reading_um: Some(even.y_um),
+            force_n: even.force_n,
+            auxiliary: even.auxiliary,
             notes: even.notes,
         });
     }
@@ -465,8 +469,8 @@ pub fn drive_of_file(
         start_s: axis.start_s,
         sample_rate_hz: axis.sample_rate_hz,
         drive_v,
-        reading_um: None,
         notes: axis.note.into_iter().collect(),
+        ..PlayedDrive::default()
     })
 }
 

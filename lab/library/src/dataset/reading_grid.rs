@@ -5,7 +5,7 @@
 //! noise of the sensor is smaller than the step, invisible at rest. (Widrow and Kollar, Quantization Noise,
 //! 2008, Ch. 4 and 5.)
 
-use super::Dataset;
+use super::data_set::Dataset;
 
 /// Distinct values that a column must have before their spacing says anything.
 pub(crate) const LEVELS_MIN: usize = 8;

@@ -57,8 +57,28 @@ pub struct PlayedDrive {
     pub drive_v: Vec<f64>,
     /// Readings beside it, um, where it is a recording.
     pub reading_um: Option<Vec<f64>>,
+    /// External force beside it, N, where it was measured.
+    pub force_n: Option<Vec<f64>>,
+    /// Further signals beside it.
+    pub auxiliary: Vec<AuxiliarySignal>,
     /// What was assumed and mended.
     pub notes: Vec<String>,
+}
+
+impl PlayedDrive {
+    /// The drive by the rows of its file, with the signals beside it.
+    #[must_use]
+    pub fn rows(&self) -> Drive<'_> {
+        Drive {
+            force_n: self.force_n.as_deref(),
+            auxiliary: &self.auxiliary,
+            ..Drive::held(
+                &self.drive_v,
+                1.0 / self.sample_rate_hz,
+                InitialState::Virgin,
+            )
+        }
+    }
 }
 
 /// One record.

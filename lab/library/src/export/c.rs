@@ -1,7 +1,7 @@
 //! A model as C99 with fixed memory: one structure with all states, one function for each sample.
 
 use super::laws::{Dialect, locals, uses};
-use super::{Exported, head, number, rows};
+use super::text::{Exported, head, number, rows};
 use hysteron_sim::intersample::Intersample;
 use hysteron_sim::law::{Law, LawNumber};
 use std::fmt::Write;

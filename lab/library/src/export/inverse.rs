@@ -3,7 +3,8 @@
 //! left out: they are the feedback's.
 
 use super::laws::{Dialect, uses};
-use super::{Language, c, described, fitted, identifier, number};
+use super::text::{cannot, described, fitted, identifier, number};
+use super::{Language, c};
 use crate::error::{Error, Result};
 use hysteron_sim::block::BlockChain;
 use hysteron_sim::chain::Model;
@@ -42,7 +43,7 @@ pub fn inverse(
         ));
     }
     let chain = BlockChain::of(&loops, 1.0 / sample_rate_hz, Intersample::Hold)
-        .map_err(|refused| super::cannot(&refused))?;
+        .map_err(|refused| cannot(&refused))?;
     if chain.blocks.iter().any(|placed| placed.fine) {
         return Err(refused(
             "the loops go in parts of a sample; expected a higher --rate-hz",

@@ -1,7 +1,7 @@
 //! Laws of blocks in the words of a language: lines as [`hysteron_sim::law`] writes them, with the names of
 //! functions, the brackets of indices and the ends of blocks of the language.
 
-use super::number;
+use super::text::number;
 use hysteron_sim::law::{Law, LawNumber};
 
 /// Functions that all languages have by the same name, C and Python in their libraries of mathematics.

@@ -1,7 +1,7 @@
 //! A model as a Python module that needs NumPy alone.
 
 use super::laws::{Dialect, uses};
-use super::{Exported, head, number, rows};
+use super::text::{Exported, head, number, rows};
 use hysteron_sim::intersample::Intersample;
 use std::fmt::Write;
 

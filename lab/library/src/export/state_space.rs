@@ -4,8 +4,9 @@
 //! replaced by one gain: they give the readings of the program for a linear model. The continuous matrices
 //! are those of the physical equations, the dead time beside them.
 
-use crate::engineering::loop_figures;
+use super::text::cannot;
 use crate::error::{Error, Result};
+use crate::loop_figures::loop_figures;
 use hysteron_sim::block::{Block, BlockChain};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{
@@ -78,7 +79,7 @@ fn matrices(model: &Model, sample_rate_hz: f64) -> Result<Value> {
     let (linear, left_out) = linear_part(model, loops.gain_um_v);
     let of = |linear: &Model| -> Result<(Value, Value)> {
         let chain = BlockChain::of(linear, 1.0 / sample_rate_hz, Intersample::Hold)
-            .map_err(|refused| super::cannot(&refused))?;
+            .map_err(|refused| cannot(&refused))?;
         Ok((sampled(&chain), written(&continuous(linear))))
     };
     let (discrete, in_time) = of(&linear)?;

@@ -1,8 +1,8 @@
 //! Do the readings answer a jump of the drive in the row of the jump?
 
 use super::leading::leads;
-use crate::dataset::Record;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::record::Record;
 
 /// Rows in front of a jump of the drive that show where the reading was going, and behind it that show how
 /// far it goes.

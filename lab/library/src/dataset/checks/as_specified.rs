@@ -2,8 +2,9 @@
 //! same, that a record is at rest. The noise is estimated from that, and a wrong specification takes motion
 //! for noise.
 
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
-use crate::dataset::{Dataset, Record, Role};
+use crate::dataset::record::{Record, Role};
 use crate::statistics::{mean, pattern_rms, peak_to_peak, rms};
 
 /// Two drives are not the same where they differ, beside what is irregular from sample to sample, by more
@@ -94,7 +95,7 @@ fn differing(pairs: impl Iterator<Item = (f64, f64)>, drive_v: &[f64]) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::Periods;
+    use crate::dataset::record::Periods;
     use crate::error::Result;
 
     const LENGTH: usize = 500;

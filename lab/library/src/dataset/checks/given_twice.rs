@@ -1,7 +1,8 @@
 //! Records that hold the same readings as one before them.
 
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
-use crate::dataset::{Dataset, Record, Role};
+use crate::dataset::record::{Record, Role};
 
 /// Compares every driven record with those before it.
 pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {

@@ -1,8 +1,9 @@
 //! Does the displacement lead the drive? One that was read before the drive acted follows the drive of the row
 //! before.
 
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
-use crate::dataset::{Dataset, Record, Role};
+use crate::dataset::record::{Record, Role};
 use hysteron_sim::intersample::Intersample;
 
 /// A reading that leaves this share of the squared error against the drive of its own instant has not waited

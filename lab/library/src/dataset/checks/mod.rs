@@ -14,7 +14,7 @@ mod units;
 #[cfg(feature = "readers")]
 pub(crate) use answered_jumps::shown_by_readings;
 
-use super::Dataset;
+use super::data_set::Dataset;
 use super::issue::{Issue, IssueKind, Severity};
 use super::issue_words::of_kind;
 use super::timing::intersample_named;

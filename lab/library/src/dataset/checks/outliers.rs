@@ -9,9 +9,10 @@
 //! fast mode is as narrow.
 
 use super::range;
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::reading_grid::levels;
-use crate::dataset::{Dataset, Record};
+use crate::dataset::record::Record;
 use crate::statistics::{extremes, mean, peak_to_peak};
 use hysteron_sim::chain::InitialState;
 use std::ops::Range;
@@ -278,7 +279,7 @@ fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::Role;
+    use crate::dataset::record::Role;
     use hysteron_sim::noise::WhiteNoise;
 
     /// What the check finds in a record whose readings end there, corrected.

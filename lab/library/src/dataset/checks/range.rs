@@ -5,8 +5,9 @@
 //! reads the same value, digit by digit. What it reads there says only that the displacement is beyond: such
 //! samples are left out of fits, noise and figures.
 
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
-use crate::dataset::{Dataset, Record, Role};
+use crate::dataset::record::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use std::ops::Range;
 

@@ -1,8 +1,10 @@
 //! Rests in which all readings are one value: of a converter with steps they show that the noise is below a
 //! step, otherwise nothing.
 
+use crate::dataset::data_set::{Dataset, SAMPLES_MIN};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
-use crate::dataset::{Dataset, Record, Role, SAMPLES_MIN, reading_grid};
+use crate::dataset::reading_grid;
+use crate::dataset::record::{Record, Role};
 
 /// Finds them; one that shows nothing is to be left out.
 pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {

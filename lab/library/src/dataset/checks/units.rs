@@ -1,8 +1,9 @@
 //! Units that look doubtful: spans and rates that no piezoelectric stage has.
 
+use crate::dataset::data_set::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
+use crate::dataset::record::{Record, Role};
 use crate::dataset::units::SignalUnits;
-use crate::dataset::{Dataset, Record, Role};
 
 /// Span of a displacement in um beyond which a unit is likely to be missing.
 const LIKELY_SPAN_MAX_UM: f64 = 2000.0;

@@ -3,7 +3,7 @@
 //! White noise has the same density everywhere. Where the drive has none, what a reading has is noise; noise
 //! that is not white has more at low frequencies, so that this is a lower bound.
 
-use super::{FloorEstimate, FloorEvidence};
+use super::estimate::{FloorEstimate, FloorEvidence};
 use crate::dataset::Record;
 use realfft::RealFftPlanner;
 

@@ -3,15 +3,14 @@
 //! What no model can meet is not that noise times the gain. A light mode amplifies white noise, a slow stage
 //! smooths it, and the model that is compared does the same: how much is found by giving it the recorded
 //! drive with as much noise once more. So the floor depends on the model, and is taken anew from what a
-//! search ends with ([`super::NoiseFloor::beside`]).
+//! search ends with (`NoiseFloor::beside`).
 //!
 //! Rest, holds and repeats of the drive show its noise. Where there are none, what the drive has above
 //! everything smooth may be noise, or may have been commanded, and steps of its column may be those of a
 //! converter that read it or of one that made it: then the readings decide. A model that leaves what the
 //! noise would make had no better drive to follow.
 
-use super::high_band;
-use super::rest;
+use super::{high_band, rest};
 use crate::dataset::reading_grid::{LEVELS_MIN, rounding_noise, step_of};
 use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::rms;

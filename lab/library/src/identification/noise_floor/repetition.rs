@@ -6,8 +6,8 @@
 //! before, and that part is left out. Drift and lines are taken out of the difference as they are of a record
 //! at rest.
 
+use super::estimate::{FloorEstimate, FloorEvidence};
 use super::random_part::random_part;
-use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::{Dataset, Periods, Record, Role};
 use crate::identification::fit::{dot, rms};
 use crate::spectrum::autocorrelation;

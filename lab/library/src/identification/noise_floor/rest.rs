@@ -1,8 +1,8 @@
 //! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
 
+use super::estimate::{FloorEstimate, FloorEvidence};
 use super::one_over_f::OneOverFNoise;
 use super::random_part::{Beside, lines_hz, random, random_part_beside_lines};
-use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::holds::{holds, read_noise_v};
 use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise};
 use crate::dataset::{Record, Role};
