@@ -12,6 +12,23 @@ pub struct DrivePath {
     pub plays: Vec<[f64; 2]>,
     /// First-order terms beside the motion itself: share, time constant in s.
     pub creep: Vec<[f64; 2]>,
+    /// Maxwell-slip elements of the actuator over its extension: threshold in the unit of the extension,
+    /// stiffness in drive by extension, not negative.
+    pub slips: Vec<[f64; 2]>,
+    /// How the actuator softens while it moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub softening: Option<ActuatorSoftening>,
+}
+
+/// An actuator whose stiffness falls with how much it has moved lately: slow dynamics, as ceramics have them
+/// (R. A. Guyer and P. A. Johnson, Physics Today 52(4), 30-36, 1999).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorSoftening {
+    /// Stiffness that motion takes away, in drive by extension; not negative.
+    pub stiffness: f64,
+    /// RMS extension at which half of it is gone: there the modes have their frequencies.
+    pub half_at: f64,
 }
 
 /// What a drive gives in a period: it changes once inside it, where its delay ends.
@@ -24,6 +41,12 @@ pub struct Held {
 }
 
 impl DrivePath {
+    /// Whether the force of the actuator depends on its extension.
+    #[must_use]
+    pub fn has_memory(&self) -> bool {
+        !self.slips.is_empty() || self.softening.is_some()
+    }
+
     /// Share of a period after which the drive changes.
     #[must_use]
     pub fn switches_at(&self, dt_s: f64) -> f64 {

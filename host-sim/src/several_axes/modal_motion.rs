@@ -24,8 +24,16 @@ pub struct StageMode {
     pub damping_ratio: f64,
     /// Participation of every drive.
     pub of_drives: Vec<f64>,
+    /// Participation of the rate of every drive, by the natural frequency: where damping is not proportional
+    /// the shape of a mode is complex. Empty where it is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of_rates: Vec<f64>,
     /// Participation of every sensor, reading by drive.
     pub of_sensors: Vec<f64>,
+    /// How far its coordinate extends an actuator, by the participation of the drive; not negative. Only an
+    /// actuator that remembers its extension feels it.
+    #[serde(default = "unit_compliance")]
+    pub compliance: f64,
     /// Friction, if there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<ModeFriction>,
@@ -37,6 +45,10 @@ pub struct StageMode {
     pub cubic: f64,
 }
 
+fn unit_compliance() -> f64 {
+    1.0
+}
+
 impl StageMode {
     /// A linear mode in which no drive and no sensor takes part.
     #[must_use]
@@ -45,11 +57,19 @@ impl StageMode {
             frequency_hz,
             damping_ratio,
             of_drives: vec![0.0; drives],
+            of_rates: Vec::new(),
             of_sensors: vec![0.0; sensors],
+            compliance: unit_compliance(),
             friction: None,
             quadratic: 0.0,
             cubic: 0.0,
         }
+    }
+
+    /// Participation of the rate of a drive.
+    #[must_use]
+    pub fn of_rate(&self, drive: usize) -> f64 {
+        self.of_rates.get(drive).copied().unwrap_or(0.0)
     }
 
     /// Whether forces depend on its motion.
@@ -65,7 +85,20 @@ const TURN_MAX_RAD: f64 = 0.3;
 /// Most steps in a period.
 const STEPS_MAX: usize = 16;
 /// Corrections of a step's end: each takes the error of the force down by the square of the turn.
-const CORRECTIONS: usize = 2;
+pub(super) const CORRECTIONS: usize = 2;
+
+/// Steps in a period that the forces of a mode need.
+pub(super) fn steps_needed(mode: &StageMode, dt_s: f64) -> usize {
+    if !mode.is_nonlinear() {
+        return 1;
+    }
+    let stiffer = mode
+        .friction
+        .map_or(1.0, |f| 1.0 + f.force.abs() / f.bend.max(1e-12));
+    let turn = std::f64::consts::TAU * mode.frequency_hz * stiffer.sqrt() * dt_s;
+    let needed = (turn / TURN_MAX_RAD).ceil().max(1.0) as usize;
+    needed.next_power_of_two().min(STEPS_MAX)
+}
 
 /// What a unit step, held from the start of a time, has moved at its end: position and velocity.
 fn after_step(frequency_rad_s: f64, damping: f64, time_s: f64) -> [f64; 2] {
@@ -85,9 +118,8 @@ pub struct ModalMotion {
     mode: StageMode,
     steps: usize,
     transition: [[f64; 2]; 2],
-    /// For each drive: the step inside the period in which it changes, and what early and late part give
-    /// there.
-    changes: Vec<(usize, [f64; 2], [f64; 2])>,
+    /// For each step and drive: what its early and late value give position and velocity.
+    gains: Vec<[[f64; 2]; 2]>,
     held: [f64; 2],
     ramp: [f64; 2],
     friction: Option<(ModeFriction, Dahl)>,
@@ -95,26 +127,23 @@ pub struct ModalMotion {
     state: [f64; 2],
     bend: f64,
     force: f64,
+    /// Where the drives alone take it in a step, and its position and force at the end.
+    driven: [f64; 2],
+    end_position: f64,
+    end_force: f64,
 }
 
 impl ModalMotion {
     /// At rest; `switching` has the share of a period after which each drive changes.
     #[must_use]
     pub fn new(mode: &StageMode, switching: &[f64], dt_s: f64) -> Self {
+        Self::with_steps(mode, switching, dt_s, steps_needed(mode, dt_s))
+    }
+
+    /// At rest, with so many steps in a period.
+    pub(super) fn with_steps(mode: &StageMode, switching: &[f64], dt_s: f64, steps: usize) -> Self {
         let frequency = std::f64::consts::TAU * mode.frequency_hz;
         let damping = mode.damping_ratio.clamp(0.0, 0.99);
-        let stiffer = mode
-            .friction
-            .map_or(1.0, |f| 1.0 + f.force.abs() / f.bend.max(1e-12));
-        let nonlinear = mode.is_nonlinear();
-        let steps = if nonlinear {
-            let needed = (frequency * stiffer.sqrt() * dt_s / TURN_MAX_RAD)
-                .ceil()
-                .max(1.0) as usize;
-            needed.next_power_of_two().min(STEPS_MAX)
-        } else {
-            1
-        };
         let h = dt_s / steps as f64;
         let held = after_step(frequency, damping, h);
         let damped = frequency * (1.0 - damping * damping).sqrt();
@@ -128,35 +157,56 @@ impl ModalMotion {
                 decay * (cos - rate * sin),
             ],
         ];
+        // What a unit jump of a drive moves through its rate: it starts with the natural frequency.
+        let after_jump = |time_s: f64| {
+            let (sin, cos) = (damped * time_s).sin_cos();
+            let decay = frequency * (-damping * frequency * time_s).exp();
+            [decay * sin / damped, decay * (cos - rate * sin)]
+        };
         // A unit ramp that reaches 1 at the end.
         let two_damping = 2.0 * damping / frequency;
         let position = h - two_damping
             + decay * (two_damping * cos + (2.0 * damping * damping - 1.0) / damped * sin);
         let ramp = [position / h, held[0] / h];
-        let change = |share: &f64| {
-            let inside = share * steps as f64;
-            let at = (inside.floor() as usize).min(steps - 1);
-            let late = after_step(
-                frequency,
-                damping,
-                (1.0 - (inside - at as f64)).max(0.0) * h,
+        // A drive changes inside one of the steps; before it the early value acts, behind it the late one.
+        let gain = |step: usize, share: f64, drive: usize| {
+            let inside = share * steps as f64 - step as f64;
+            let left_s = (1.0 - inside.clamp(0.0, 1.0)) * h;
+            let (late, of_drive) = (
+                after_step(frequency, damping, left_s),
+                mode.of_drives[drive],
             );
-            (at, [held[0] - late[0], held[1] - late[1]], late)
+            let jumps = (0.0..1.0).contains(&inside);
+            let of_jump = if jumps { mode.of_rate(drive) } else { 0.0 };
+            let jump = after_jump(left_s);
+            [0, 1].map(|i| {
+                [
+                    of_drive * (held[i] - late[i]) - of_jump * jump[i],
+                    of_drive * late[i] + of_jump * jump[i],
+                ]
+            })
+        };
+        let gains = |step: usize| {
+            let drives = switching.iter().enumerate();
+            drives.map(move |(drive, share)| gain(step, *share, drive))
         };
         Self {
             mode: mode.clone(),
             steps,
             transition,
-            changes: switching.iter().map(change).collect(),
+            gains: (0..steps).flat_map(gains).collect(),
             held,
             ramp,
             friction: mode
                 .friction
                 .map(|friction| (friction, Dahl::with_sliding_bend(friction.bend))),
-            nonlinear,
+            nonlinear: mode.is_nonlinear(),
             state: [0.0; 2],
             bend: 0.0,
             force: 0.0,
+            driven: [0.0; 2],
+            end_position: 0.0,
+            end_force: 0.0,
         }
     }
 
@@ -205,48 +255,83 @@ impl ModalMotion {
         -(of_friction + q * q * (self.mode.quadratic + q * self.mode.cubic))
     }
 
+    pub(super) fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Where a step ends, as far as it is corrected.
+    pub(super) fn end_position(&self) -> f64 {
+        self.end_position
+    }
+
+    /// Begins a step of a period: where the drives alone take it.
+    pub(super) fn begin(&mut self, step: usize, drives: &[Held]) {
+        let [q, v] = self.state;
+        let mut next = [
+            self.transition[0][0] * q + self.transition[0][1] * v,
+            self.transition[1][0] * q + self.transition[1][1] * v,
+        ];
+        let of_step = &self.gains[step * drives.len()..];
+        for (gain, held) in of_step.iter().zip(drives) {
+            next[0] += gain[0][0] * held.early + gain[0][1] * held.late;
+            next[1] += gain[1][0] * held.early + gain[1][1] * held.late;
+        }
+        (self.driven, self.end_force) = (next, self.force);
+    }
+
+    /// Where a step ends if its force runs straight to what it is at the end.
+    fn end(&self) -> [f64; 2] {
+        let change = self.end_force - self.force;
+        let given = |i: usize| self.driven[i] + self.force * self.held[i] + change * self.ramp[i];
+        [given(0), given(1)]
+    }
+
+    fn bend_at(&self, q_end: f64) -> f64 {
+        self.friction.map_or(0.0, |(_, dahl)| {
+            dahl.bend_after(self.bend, q_end - self.state[0])
+        })
+    }
+
+    /// Corrects the end of a step by the force of its own that it has there.
+    pub(super) fn correct(&mut self) {
+        self.end_position = self.end()[0];
+        self.end_force = if self.nonlinear {
+            self.force_at(self.end_position, self.bend_at(self.end_position))
+        } else {
+            0.0
+        };
+    }
+
+    /// Adds a force to that at the end of a step.
+    pub(super) fn correct_by(&mut self, force: f64) {
+        self.end_force += force;
+    }
+
+    /// Ends a step, with the force of its own.
+    pub(super) fn finish(&mut self) {
+        let end = self.end();
+        if self.nonlinear {
+            self.bend = self.bend_at(end[0]);
+            self.force = self.force_at(end[0], self.bend);
+        } else {
+            self.force = 0.0;
+        }
+        self.state = end;
+    }
+
+    /// Adds a force to that with which the next step begins.
+    pub(super) fn load_by(&mut self, force: f64) {
+        self.force += force;
+    }
+
     /// Goes on by a period.
     pub fn step(&mut self, drives: &[Held]) {
         for step in 0..self.steps {
-            let [q, v] = self.state;
-            let mut next = [
-                self.transition[0][0] * q + self.transition[0][1] * v,
-                self.transition[1][0] * q + self.transition[1][1] * v,
-            ];
-            for ((share, held), (at, early, late)) in
-                self.mode.of_drives.iter().zip(drives).zip(&self.changes)
-            {
-                if *share == 0.0 {
-                    continue;
-                }
-                let given = |i: usize| match step.cmp(at) {
-                    std::cmp::Ordering::Less => held.early * self.held[i],
-                    std::cmp::Ordering::Equal => held.early * early[i] + held.late * late[i],
-                    std::cmp::Ordering::Greater => held.late * self.held[i],
-                };
-                next[0] += share * given(0);
-                next[1] += share * given(1);
-            }
+            self.begin(step, drives);
             if self.nonlinear {
-                let with = |force: f64| {
-                    next[0] + self.force * self.held[0] + (force - self.force) * self.ramp[0]
-                };
-                let bend_at = |q_end: f64| {
-                    self.friction
-                        .map_or(0.0, |(_, dahl)| dahl.bend_after(self.bend, q_end - q))
-                };
-                let mut force = self.force;
-                for _ in 0..CORRECTIONS {
-                    let q_end = with(force);
-                    force = self.force_at(q_end, bend_at(q_end));
-                }
-                let q_end = with(force);
-                next[1] += self.force * self.held[1] + (force - self.force) * self.ramp[1];
-                next[0] = q_end;
-                self.bend = bend_at(q_end);
-                self.force = self.force_at(q_end, self.bend);
+                (0..CORRECTIONS).for_each(|_| self.correct());
             }
-            self.state = next;
+            self.finish();
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::progress::Progress;
 use clap::Subcommand;
 use hysteron::several_axes::decoupling::{AxesServo, AxesTrack, Decoupling, WholeCheck};
 use hysteron::several_axes::finder::{AxesPolicy, find};
+use hysteron::several_axes::identification::{RecordError, Structure, identify, record_errors};
 use hysteron::several_axes::manifest;
 use hysteron::several_axes::model_text::{AxesModel, figures};
 use hysteron::several_axes::planted::{AxisPlant, JudgedStage, planted_stage};
@@ -43,6 +44,34 @@ pub enum AxesCommand {
         #[command(flatten)]
         outputs: Outputs,
     },
+    /// Identify one model of all records with a given structure, without a search
+    Identify {
+        /// Folder with dataset.toml, or a manifest, whose columns are lists
+        dataset: PathBuf,
+        /// Modes, in which every drive and sensor takes part
+        #[arg(long, default_value_t = 12)]
+        modes: usize,
+        /// Model to start from, instead of modes in the responses
+        #[arg(long, value_name = "MODEL")]
+        from: Option<PathBuf>,
+        /// The forces of the actuators remember their extension
+        #[arg(long)]
+        actuator_hysteresis: bool,
+        /// The actuators soften while they move
+        #[arg(long)]
+        actuator_softening: bool,
+        /// Write the model
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Write every figure as JSON; `-` prints it and nothing else
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+        #[command(flatten)]
+        time: TimeArguments,
+    },
     /// Decouple the axes of a model, and check the loop as a whole
     Decouple {
         /// Model file
@@ -63,7 +92,7 @@ pub enum AxesCommand {
     /// Simulate the recordings of a stage of three axes with one effect planted in one channel
     Plant {
         /// What to plant: coupling, mode_of_one_drive, friction, delay, creep, nonlinear_stiffness,
-        /// sensor_bandwidth or sensor_coupling
+        /// sensor_bandwidth, sensor_coupling or actuator_hysteresis
         effect: String,
         /// Folder to write
         #[arg(long, value_name = "DIR")]
@@ -81,7 +110,7 @@ pub enum AxesCommand {
         #[arg(
             long,
             value_delimiter = ',',
-            default_value = "coupling,mode_of_one_drive,friction"
+            default_value = "coupling,mode_of_one_drive,friction,actuator_hysteresis"
         )]
         effects: Vec<String>,
         /// Stages of each
@@ -113,7 +142,35 @@ pub fn axes(command: AxesCommand) -> Result<bool> {
             &Manner { verbose, time },
             &outputs,
         ),
-
+        AxesCommand::Identify {
+            dataset,
+            modes,
+            from,
+            actuator_hysteresis,
+            actuator_softening,
+            out,
+            json,
+            force,
+            time,
+        } => {
+            let structure = Structure {
+                modes,
+                actuator_hysteresis,
+                actuator_softening,
+            };
+            let outputs = Outputs {
+                json,
+                report: None,
+                force,
+            };
+            identify_structure(
+                &dataset,
+                structure,
+                [from.as_deref(), out.as_deref()],
+                &time,
+                &outputs,
+            )
+        }
         AxesCommand::Decouple {
             model,
             hidden_coupling,
@@ -187,6 +244,26 @@ fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
     )
 }
 
+/// A model to start from, if it has the drives and sensors of a data set.
+fn read_start(desk: &Desk, from: &Path, data: &AxesData) -> Result<Described> {
+    let model = read_model(desk, from)?;
+    let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
+    if (drives, sensors) != (data.drives.len(), data.sensors.len()) {
+        return Err(wrong(
+            from,
+            format!(
+                "has {drives} drives and {sensors} sensors; expected {} and {} as in the data set",
+                data.drives.len(),
+                data.sensors.len()
+            ),
+        ));
+    }
+    Ok(Described {
+        stage: model.stage,
+        effects: model.effects,
+    })
+}
+
 /// How a search is done.
 pub struct Manner {
     /// Every step is printed.
@@ -208,27 +285,7 @@ pub fn explain(
     let data = load(&desk, path)?;
     let start = match from {
         None => Described::empty(&data),
-        Some(from) => {
-            let model = read_model(&desk, from)?;
-            if (model.stage.drives.len(), model.stage.sensors.len())
-                != (data.drives.len(), data.sensors.len())
-            {
-                return Err(wrong(
-                    from,
-                    format!(
-                        "has {} drives and {} sensors; expected {} and {} as in the data set",
-                        model.stage.drives.len(),
-                        model.stage.sensors.len(),
-                        data.drives.len(),
-                        data.sensors.len()
-                    ),
-                ));
-            }
-            Described {
-                stage: model.stage,
-                effects: model.effects,
-            }
-        }
+        Some(from) => read_start(&desk, from, &data)?,
     };
     desk.target(out)?;
     outputs.check(&desk)?;
@@ -284,6 +341,59 @@ pub fn explain(
             as_typed(),
         )
     })?;
+    Ok(true)
+}
+
+/// Figures of a model of given structure.
+#[derive(Serialize)]
+struct IdentifiedFigures {
+    name: String,
+    parameters: usize,
+    records: Vec<RecordError>,
+    seconds: f64,
+}
+
+fn identify_structure(
+    path: &Path,
+    structure: Structure,
+    [from, out]: [Option<&Path>; 2],
+    time: &TimeArguments,
+    outputs: &Outputs,
+) -> Result<bool> {
+    let started = Instant::now();
+    let desk = Desk::new(outputs.force);
+    let data = load(&desk, path)?;
+    let from = from
+        .map(|from| read_start(&desk, from, &data))
+        .transpose()?;
+    desk.target(out)?;
+    outputs.check(&desk)?;
+    let progress = Progress::start();
+    let model = time.beside(&progress, |watch| identify(&data, from, structure, watch))?;
+    drop(progress);
+    let figures = IdentifiedFigures {
+        name: data.name.clone(),
+        parameters: model.parameters(),
+        records: record_errors(&data, &model),
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    println!(
+        "{}: {} modes, {} parameters, {:.0} s",
+        figures.name,
+        model.stage.modes.len(),
+        figures.parameters,
+        figures.seconds
+    );
+    for record in &figures.records {
+        println!(
+            "  {:<24} {:<10} error {:.2} % of the readings",
+            record.record, record.role, record.error_pct
+        );
+    }
+    if let Some(out) = out {
+        desk.write(out, AxesModel::new(&model, &data).to_toml()?.as_bytes())?;
+    }
+    desk.write_json(outputs.json.as_deref(), &figures)?;
     Ok(true)
 }
 

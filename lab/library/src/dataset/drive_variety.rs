@@ -20,6 +20,8 @@ pub struct DriveVariety {
     /// The same in the fastest record, V/s.
     pub speed_max_v_s: f64,
     varied_within_a_record: bool,
+    /// A record stands still most of the time: its steps have every frequency.
+    has_steps: bool,
 }
 
 /// The speed below which a share of the way is made, of sorted speeds at equal times. What moves fast takes
@@ -40,7 +42,7 @@ impl DriveVariety {
         let range_v = dataset.drive_max_v - dataset.drive_min_v;
         let mut turns_v: Vec<f64> = Vec::new();
         let (mut speed_min_v_s, mut speed_max_v_s) = (f64::INFINITY, 0.0_f64);
-        let mut varied_within_a_record = false;
+        let (mut varied_within_a_record, mut has_steps) = (false, false);
         for record in records.iter().filter_map(|&i| dataset.records.get(i)) {
             let drive_v = &record.drive_v[record.window.clone()];
             let mut last_turn = drive_v.first().copied().unwrap_or(0.0);
@@ -64,6 +66,7 @@ impl DriveVariety {
             let fast = speeds.get(speeds.len() * 9 / 10).copied().unwrap_or(0.0);
             varied_within_a_record |= fast > 0.0
                 && below_on_its_way(&speeds, 0.9) > VARIED_SPEED * below_on_its_way(&speeds, 0.25);
+            has_steps |= fast == 0.0 && speeds.last() > Some(&0.0);
             if fast > 0.0 {
                 (speed_min_v_s, speed_max_v_s) = (speed_min_v_s.min(fast), speed_max_v_s.max(fast));
             }
@@ -73,6 +76,7 @@ impl DriveVariety {
             speed_min_v_s,
             speed_max_v_s,
             varied_within_a_record,
+            has_steps,
         }
     }
 
@@ -88,9 +92,71 @@ impl DriveVariety {
         self.varied_within_a_record
     }
 
+    /// One motion is repeated: between the same two voltages, at one speed, as one sine does. What depends on
+    /// the voltage and what depends on the speed then look alike.
+    #[must_use]
+    pub fn one_motion(&self) -> bool {
+        self.one_loop() && self.one_speed() && !self.varied_within_a_record && !self.has_steps
+    }
+
     /// All records move at the same speed.
     #[must_use]
     pub fn one_speed(&self) -> bool {
         self.speed_max_v_s < ONE_SPEED * self.speed_min_v_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::record::Record;
+    use hysteron_sim::waveform;
+
+    fn seen(drives: &[Vec<f64>]) -> DriveVariety {
+        let record = |(nth, drive_v): (usize, &Vec<f64>)| {
+            Record::new(format!("{nth}"), 1000.0, drive_v.clone(), drive_v.clone())
+        };
+        let records: Vec<Record> = drives.iter().enumerate().map(record).collect();
+        let all: Vec<usize> = (0..records.len()).collect();
+        DriveVariety::of(&Dataset::unchecked("stage", 0.0, 100.0, records), &all)
+    }
+
+    fn sine(frequency_hz: f64, amplitude_v: f64) -> Vec<f64> {
+        let angle = |k: u32| std::f64::consts::TAU * frequency_hz * f64::from(k) / 1000.0;
+        (0..2000)
+            .map(|k| 50.0 - amplitude_v * angle(k).cos())
+            .collect()
+    }
+
+    #[test]
+    fn one_sine_or_one_triangle_is_one_motion() {
+        let triangle = waveform::triangles(1000.0, 400.0, &[0.0, 80.0, 0.0, 80.0, 0.0]);
+        for drives in [
+            vec![sine(5.0, 40.0)],
+            vec![triangle],
+            vec![sine(5.0, 40.0), sine(7.0, 40.0)],
+        ] {
+            assert!(seen(&drives).one_motion(), "{:?}", seen(&drives));
+        }
+    }
+
+    #[test]
+    fn heights_frequencies_and_steps_are_more_than_one_motion() {
+        let heights = waveform::triangles(1000.0, 400.0, &[0.0, 80.0, 20.0, 60.0, 0.0]);
+        let lines: Vec<usize> = (1..=60).step_by(3).collect();
+        let multisine = waveform::multisine(1000, &lines, 20.0, 50.0, 2, 1);
+        let steps: Vec<f64> = (0..2000)
+            .map(|k| if k / 500 % 2 == 0 { 10.0 } else { 70.0 })
+            .collect();
+        for drives in [
+            vec![heights],
+            vec![multisine],
+            vec![steps.clone()],
+            vec![sine(5.0, 40.0), steps],
+            vec![sine(5.0, 40.0), sine(20.0, 40.0)],
+            vec![sine(5.0, 40.0), sine(5.0, 20.0)],
+        ] {
+            assert!(!seen(&drives).one_motion(), "{:?}", seen(&drives));
+        }
     }
 }

@@ -10,8 +10,10 @@ use super::verdict::Facts;
 use super::verdict::Reason;
 use super::words;
 use crate::dataset::Dataset;
+use crate::dataset::drive_variety::DriveVariety;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
+use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::{
     CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells,
@@ -32,6 +34,8 @@ pub struct Found<'a> {
     pub weighed: &'a [Weighed],
     /// What survives its test and is no name.
     pub open: &'a [Weighed],
+    /// What the data leave open of the model at the end.
+    pub cannot_identify: &'a [CannotIdentify],
     /// The simplest kept models.
     pub models: &'a [KeptModel],
     /// The same as they are in the pool.
@@ -54,6 +58,18 @@ pub struct Found<'a> {
     pub out_of_time: bool,
     /// Two effects that no drive distinguishes, and by how much they differ on the best, um.
     pub in_vain: Option<(&'a [String; 2], f64)>,
+}
+
+/// Whether the data fix no value of what was found, so that it may as well be something else.
+#[must_use]
+pub fn has_open_values(found: &Weighed, cannot_identify: &[CannotIdentify]) -> bool {
+    let finding = found.finding();
+    let open = |effect: &String| {
+        let of_it = |what: &CannotIdentify| matches!(what, CannotIdentify::AnyOf { effect: id } if id == effect);
+        cannot_identify.iter().any(of_it)
+    };
+    finding.or_other_values_of.is_empty()
+        && matches!(&finding.effects[..], [effect] if open(effect))
 }
 
 /// Puts what was found into one of the five words.
@@ -129,8 +145,13 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             .any(|f| f.effects.len() + f.or_other_values_of.len() > 1),
         other_values_only: findings.iter().all(|f| f.effects.is_empty()),
         open: !found.open.is_empty(),
+        values_open: found
+            .open
+            .iter()
+            .all(|w| has_open_values(w, found.cannot_identify)),
+        one_motion: DriveVariety::of(dataset, &study.split.both()).one_motion(),
     };
-    let (verdict, reason, early) = (facts.verdict(), facts.reason(), facts.ends_early());
+    let (verdict, reason, no_names) = (facts.verdict(), facts.reason(), facts.names_nothing());
     let open: Vec<Finding> = found.open.iter().map(Weighed::finding).collect();
     let new = |judged: &Judged| {
         let mut ids = judged.model.effect_ids();
@@ -139,16 +160,16 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         });
         ids
     };
-    let so_far: Vec<String> = if early && findings.is_empty() && open.is_empty() {
+    let so_far: Vec<String> = if no_names && findings.is_empty() && open.is_empty() {
         new(found.last)
     } else {
-        let names = findings.iter().filter(|_| early).chain(&open);
+        let names = findings.iter().filter(|_| no_names).chain(&open);
         let all = |f: &Finding| [&f.effects[..], &f.or_other_values_of].concat();
         let mut seen = BTreeSet::new();
         let ids = names.flat_map(all);
         ids.filter(|id| seen.insert(id.clone())).collect()
     };
-    if early {
+    if no_names {
         findings.clear();
     }
     let named: Vec<String> = if verdict == Verdict::AtFloor {
@@ -163,7 +184,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             && by_id(id).is_some_and(|e| !e.declaration().candidate)
     };
     also_in_the_model
-        .retain(|id| !early && !named.contains(id) && !so_far.contains(id) && !describes(id));
+        .retain(|id| !no_names && !named.contains(id) && !so_far.contains(id) && !describes(id));
     let rms_um = found.last.error_um();
     let issues = std::mem::take(&mut found.issues);
     let mut out = Diagnosis {

@@ -53,6 +53,10 @@ pub enum Reason {
     Stopped,
     /// The time was over before the search was.
     OutOfTime,
+    /// All drives repeat one motion, on which loops, lags, delays and modes look alike.
+    OneMotion,
+    /// What survived its test has no value that the data fix.
+    ValuesOpen,
     /// What is missing may be any of many effects, which the data do not distinguish.
     ManyAlternatives,
 }
@@ -66,6 +70,8 @@ pub struct Facts {
     pub stopped: bool,
     /// The search ended when its time was over.
     pub out_of_time: bool,
+    /// All drives move at one speed between the same two voltages.
+    pub one_motion: bool,
     /// The noise is known, or the model at the end leaves no more than its least bound.
     pub noise_known: bool,
     /// The error of the model at the end is below the noise.
@@ -86,6 +92,8 @@ pub struct Facts {
     pub other_values_only: bool,
     /// Something survived its test and is no name.
     pub open: bool,
+    /// All of that is no name because the data fix none of its values.
+    pub values_open: bool,
 }
 
 impl Facts {
@@ -98,29 +106,46 @@ impl Facts {
             .or_else(|| self.stopped.then_some(Reason::Stopped))
             .or_else(|| self.below_the_noise.then_some(Reason::BelowTheNoise))
             .or_else(|| (self.out_of_time && matters).then_some(Reason::OutOfTime))
+            .or_else(|| {
+                let something = self.named || self.open || !self.nothing_is_missing();
+                (self.one_motion && something).then_some(Reason::OneMotion)
+            })
             .or_else(|| (!self.noise_known).then_some(Reason::NoiseUnknown))
-            .or_else(|| (self.open && !self.named).then_some(Reason::ManyAlternatives))
+            .or_else(|| {
+                let why = if self.values_open {
+                    Reason::ValuesOpen
+                } else {
+                    Reason::ManyAlternatives
+                };
+                (self.open && !self.named).then_some(why)
+            })
     }
 
-    /// What was found by a search that ended early is no name.
+    /// The model at the end is at the noise, by the names alone. One that is there by effects that may as well
+    /// be others does not say so.
+    fn nothing_is_missing(&self) -> bool {
+        self.at_the_noise && self.explained_by_names && !self.excluded
+    }
+
+    /// What was found is no name: the search ended early, or no drive could tell names apart.
     #[must_use]
-    pub fn ends_early(&self) -> bool {
-        matches!(self.reason(), Some(Reason::Stopped | Reason::OutOfTime))
+    pub fn names_nothing(&self) -> bool {
+        matches!(
+            self.reason(),
+            Some(Reason::Stopped | Reason::OutOfTime | Reason::OneMotion)
+        )
     }
 
     /// The word.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
-        match (self.named && !self.ends_early(), self.reason()) {
+        match (self.named && !self.names_nothing(), self.reason()) {
             // Nothing is missing where other values reach the noise.
             (true, None) if self.other_values_only && self.at_the_noise => Verdict::AtFloor,
             (true, _) if self.either_or => Verdict::Ambiguous,
             (true, _) => Verdict::Named,
             (false, Some(_)) => Verdict::Undecidable,
-            // A model at the noise by effects that may as well be others does not say that nothing is missing.
-            (false, None) if self.at_the_noise && self.explained_by_names && !self.excluded => {
-                Verdict::AtFloor
-            }
+            (false, None) if self.nothing_is_missing() => Verdict::AtFloor,
             (false, None) => Verdict::Unexplained,
         }
     }
@@ -132,7 +157,7 @@ mod tests {
 
     /// All combinations of facts, with and without an issue that blocks.
     fn all() -> impl Iterator<Item = Facts> {
-        (0..1u32 << 13).map(|bits| {
+        (0..1u32 << 15).map(|bits| {
             let is = |bit: u32| bits >> bit & 1 == 1;
             Facts {
                 blocked: is(0).then_some(Reason::NotAnswered),
@@ -148,6 +173,8 @@ mod tests {
                 either_or: is(10),
                 other_values_only: is(11),
                 open: is(12),
+                one_motion: is(13),
+                values_open: is(14),
             }
         })
     }
@@ -167,6 +194,8 @@ mod tests {
         either_or: false,
         other_values_only: false,
         open: false,
+        one_motion: false,
+        values_open: false,
     };
 
     #[test]
@@ -237,6 +266,52 @@ mod tests {
                     ..not_explained
                 },
                 undecidable(Reason::ManyAlternatives),
+            ),
+            (
+                Facts {
+                    open: true,
+                    values_open: true,
+                    ..not_explained
+                },
+                undecidable(Reason::ValuesOpen),
+            ),
+            // One motion shows that nothing is missing, and no name.
+            (
+                Facts {
+                    one_motion: true,
+                    ..SOUND
+                },
+                (Verdict::AtFloor, None),
+            ),
+            (
+                Facts {
+                    one_motion: true,
+                    ..named
+                },
+                undecidable(Reason::OneMotion),
+            ),
+            (
+                Facts {
+                    one_motion: true,
+                    ..not_explained
+                },
+                undecidable(Reason::OneMotion),
+            ),
+            (
+                Facts {
+                    one_motion: true,
+                    open: true,
+                    ..SOUND
+                },
+                undecidable(Reason::OneMotion),
+            ),
+            (
+                Facts {
+                    one_motion: true,
+                    excluded: true,
+                    ..SOUND
+                },
+                undecidable(Reason::OneMotion),
             ),
             (
                 Facts {
@@ -323,7 +398,7 @@ mod tests {
                 Verdict::Ambiguous => facts.named && facts.either_or,
             };
             assert!(holds, "{facts:?}: {verdict:?} {reason:?}");
-            assert!(!(is_name && facts.ends_early()), "{facts:?}");
+            assert!(!(is_name && facts.names_nothing()), "{facts:?}");
             // Whoever stopped a search hears that, unless the recording itself forbids an answer.
             let stopped = facts.stopped && facts.blocked.is_none();
             assert_eq!(reason == Some(Reason::Stopped), stopped, "{facts:?}");

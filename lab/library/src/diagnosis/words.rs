@@ -398,6 +398,16 @@ impl<'a> Said<'a> {
                  {noise}. Record a drive on which they differ.",
                 list(&d.so_far, "and")
             ),
+            Some(Reason::OneMotion) => format!(
+                "All drives here repeat one motion, on which loops, lags, delays and modes look alike, so nothing can be named: the {which} is {after} nm, at \
+                 the start {before}; {noise}.{} Record triangles of several heights and several frequencies: `hysteron drives` writes them.",
+                self.so_far()
+            ),
+            Some(Reason::ValuesOpen) => format!(
+                "With {} the {which} falls from {before} to {after} nm ({noise}), but this data fixes none of its values, so it may stand for something else. \
+                 Record longer, or other drives: `hysteron drives` writes them.",
+                list(&d.so_far, "and")
+            ),
             Some(Reason::BelowTheNoise) => format!(
                 "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until it is \
                  known which.",

@@ -120,7 +120,7 @@ fn response(stage: &ModalStage, gains: &[f64], hz: f64, dt_s: f64) -> DMatrix<Co
             .iter()
             .map(|mode| {
                 let ratio = hz / mode.frequency_hz;
-                held * (mode.of_sensors[i] * mode.of_drives[j])
+                held * Complex::new(mode.of_drives[j], ratio * mode.of_rate(j)) * mode.of_sensors[i]
                     / Complex::new(1.0 - ratio * ratio, 2.0 * mode.damping_ratio * ratio)
             })
             .sum();

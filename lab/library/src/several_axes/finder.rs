@@ -6,7 +6,7 @@
 //! everything else is tried in its place. An effect without which the error is no larger is removed. An
 //! effect that another one replaces as well is reported with an "or".
 
-use super::fit::{Problem, STRETCHES};
+use super::fit::{Problem, STRETCHES, Signals};
 use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
@@ -402,16 +402,24 @@ impl Search<'_> {
                 guess: [share * reach, 0.0],
             }));
         }
+        let signals = self.problem.simulate(&model.stage);
+        out.extend((0..drives).filter_map(|drive| {
+            let reach = self.problem.extension_reach(&model.stage, &signals, drive);
+            let effect = AxisEffect::ActuatorHysteresis { drive };
+            (reach > 0.0).then_some(Candidate {
+                effect,
+                guess: [reach, 0.0],
+            })
+        }));
         out.retain(|candidate| !model.effects.contains(&candidate.effect));
-        out.extend(self.modes_in_the_residual(model));
+        out.extend(self.modes_in_the_residual(model, &signals));
         out
     }
 
     /// For every drive and sensor the frequency and damping at which one more mode follows the residual best.
-    fn modes_in_the_residual(&self, model: &Described) -> Vec<Candidate> {
+    fn modes_in_the_residual(&self, model: &Described, signals: &Signals) -> Vec<Candidate> {
         let problem = self.problem;
-        let signals = problem.simulate(&model.stage);
-        let residual = problem.residual(&signals, Role::Identify);
+        let residual = problem.residual(signals, Role::Identify);
         let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
         let scales = &problem.scales;
         let (from_hz, to_hz) = (SCAN_FROM_TURNS / scales.duration_s, SCAN_TO / scales.dt_s);
@@ -424,7 +432,7 @@ impl Search<'_> {
             .collect();
         let mode = model.stage.modes.len();
         // Of each: by how much it lowers the squares of every sensor.
-        let spectra = ResidualSpectra::from_residual(problem, &signals, &residual);
+        let spectra = ResidualSpectra::from_residual(problem, signals, &residual);
         let falls = parallel::map(&tried, |(drive, f, damping)| {
             spectra.falls_by_mode(*drive, frequency_hz(*f), *damping)
         });
@@ -466,7 +474,10 @@ impl Search<'_> {
             let shapes = |free: &Free| {
                 matches!(
                     free,
-                    Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_)
+                    Free::LogFrequency(_)
+                        | Free::LogDamping(_)
+                        | Free::LogFrictionBend(_)
+                        | Free::Compliance(_)
                 )
             };
             let new: Vec<Free> = with

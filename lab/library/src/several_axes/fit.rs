@@ -5,6 +5,7 @@ use super::structure::{Described, Free, Part, Scales};
 use crate::dataset::Role;
 use crate::least_squares::{self, refined};
 use crate::parallel;
+use crate::statistics::mean;
 use hysteron_sim::several_axes::{Held, ModalStage};
 use nalgebra::{DMatrix, DVector};
 
@@ -21,6 +22,15 @@ pub(super) struct Problem<'d> {
 
 /// Least noise by which a sensor is weighted, of its RMS: below it the arithmetic of the simulation is seen.
 const NOISE_LEAST: f64 = 1e-6;
+
+/// Share of a reading that a model with few numbers leaves beside the noise: what one linear response leaves of
+/// one level of the fine steering mirror (`benchmarks/public/mirror_limits.py`).
+const MODEL_ERROR: f64 = 0.05;
+
+fn rms_about_mean(signal: &[f64]) -> f64 {
+    let mean = mean(signal);
+    (signal.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / signal.len().max(1) as f64).sqrt()
+}
 
 /// Every signal of a simulation, by record.
 #[derive(Clone)]
@@ -41,21 +51,34 @@ fn slices<T>(signals: &[Vec<T>]) -> Vec<&[T]> {
 }
 
 impl<'d> Problem<'d> {
+    /// Records that are explained down to their noise.
     pub(super) fn new(data: &'d AxesData) -> Self {
         let scales = Scales::from_data(data);
         let noise_known = data.records.iter().all(|record| record.noise.is_some());
-        let weight = |record: &AxesRecord| -> Vec<f64> {
-            let of_sensor = |i: usize| match (&record.noise, noise_known) {
-                (Some(noise), true) => 1.0 / noise[i].max(NOISE_LEAST * scales.reading_rms[i]),
-                _ => 1.0 / scales.reading_rms[i],
-            };
-            (0..record.readings.len()).map(of_sensor).collect()
+        let weight = |record: &AxesRecord, i: usize| match (&record.noise, noise_known) {
+            (Some(noise), true) => 1.0 / noise[i].max(NOISE_LEAST * scales.reading_rms[i]),
+            _ => 1.0 / scales.reading_rms[i],
         };
+        Self::weighted(data, weight)
+    }
+
+    /// Records of which a model explains the same share at every level, if their noise is below it.
+    pub(super) fn with_model_error(data: &'d AxesData) -> Self {
+        let weight = |record: &AxesRecord, i: usize| {
+            let rms = rms_about_mean(&record.readings[i][record.counted_from..record.counted_to]);
+            let noise = record.noise.as_ref().map_or(0.0, |noise| noise[i]);
+            1.0 / (MODEL_ERROR * rms).hypot(noise).max(f64::MIN_POSITIVE)
+        };
+        Self::weighted(data, weight)
+    }
+
+    fn weighted(data: &'d AxesData, weight: impl Fn(&AxesRecord, usize) -> f64) -> Self {
+        let of_record = |record| (0..data.sensors.len()).map(|i| weight(record, i)).collect();
         Self {
             data,
-            weights: data.records.iter().map(weight).collect(),
-            noise_known,
-            scales,
+            weights: data.records.iter().map(of_record).collect(),
+            noise_known: data.records.iter().all(|record| record.noise.is_some()),
+            scales: Scales::from_data(data),
         }
     }
 
@@ -68,9 +91,7 @@ impl<'d> Problem<'d> {
                 .enumerate()
                 .map(|(j, u)| stage.drive_signal(j, u, dt_s, record.periodic))
                 .collect();
-            let modes: Vec<Vec<f64>> = (0..stage.modes.len())
-                .map(|r| stage.mode_signal(r, &slices(&drives), dt_s))
-                .collect();
+            let modes = stage.all_mode_signals(&slices(&drives), dt_s);
             let readings = (0..stage.sensors.len())
                 .map(|i| stage.reading(i, &slices(&modes), &slices(&drives), dt_s))
                 .collect();
@@ -104,27 +125,29 @@ impl<'d> Problem<'d> {
             Part::Drive(j) => stage.drive_signal(j, &recorded.drives[j], dt_s, recorded.periodic),
             _ => Vec::new(),
         };
+        let coupled = stage.is_coupled();
         let touches = |r: usize| match part {
+            Part::Sensor(_) => false,
+            Part::Actuators => true,
+            _ if coupled => true,
             Part::Drive(j) => stage.modes[r].of_drives[j] != 0.0,
             Part::Mode(changed) => changed == r,
-            Part::Sensor(_) => false,
         };
         if let Part::Drive(j) = part {
             drives[j] = &new_drive;
         }
-        let new_modes: Vec<Option<Vec<f64>>> = (0..stage.modes.len())
-            .map(|r| touches(r).then(|| stage.mode_signal(r, &drives, dt_s)))
-            .collect();
+        let new_modes = if matches!(part, Part::Sensor(_)) {
+            vec![None; modes.len()]
+        } else {
+            stage.mode_signals(touches, &drives, dt_s)
+        };
         for (mode, new) in modes.iter_mut().zip(&new_modes) {
             *mode = new.as_deref().unwrap_or(mode);
         }
         let notices = |i: usize| match part {
             Part::Sensor(changed) => changed == i,
-            Part::Mode(r) => stage.modes[r].of_sensors[i] != 0.0,
-            Part::Drive(j) => {
-                stage.feedthrough[i][j] != 0.0
-                    || (0..modes.len()).any(|r| touches(r) && stage.modes[r].of_sensors[i] != 0.0)
-            }
+            Part::Drive(j) if stage.feedthrough[i][j] != 0.0 => true,
+            _ => (0..modes.len()).any(|r| touches(r) && stage.modes[r].of_sensors[i] != 0.0),
         };
         (0..stage.sensors.len())
             .map(|i| notices(i).then(|| stage.reading(i, &modes, &drives, dt_s)))
@@ -228,13 +251,37 @@ impl<'d> Problem<'d> {
         let mut signals = without.clone();
         for (n, record) in self.data.records.iter().enumerate() {
             let drives = slices(&signals.drives[n]);
-            let moved: Vec<Vec<f64>> = new_modes
-                .clone()
-                .map(|r| with.stage.mode_signal(r, &drives, record.dt_s()))
-                .collect();
-            signals.modes[n].extend(moved);
+            let is_new = |r: usize| new_modes.contains(&r);
+            let moved = with.stage.mode_signals(is_new, &drives, record.dt_s());
+            signals.modes[n].extend(moved.into_iter().skip(new_modes.start).flatten());
         }
         self.columns(with, &signals, free, roles)
+    }
+
+    /// The greatest extension of an actuator, from where it rests in each record.
+    pub(super) fn extension_reach(
+        &self,
+        stage: &ModalStage,
+        signals: &Signals,
+        drive: usize,
+    ) -> f64 {
+        let shares: Vec<f64> = stage
+            .modes
+            .iter()
+            .map(|mode| mode.compliance * mode.of_drives[drive])
+            .collect();
+        let reach = |modes: &Vec<Vec<f64>>| {
+            let extension = |k: usize| -> f64 {
+                shares
+                    .iter()
+                    .zip(modes)
+                    .map(|(share, q)| share * q[k])
+                    .sum()
+            };
+            let samples = modes.first().map_or(0, Vec::len);
+            (0..samples).fold(0.0_f64, |m, k| m.max((extension(k) - extension(0)).abs()))
+        };
+        signals.modes.iter().map(reach).fold(0.0, f64::max)
     }
 
     /// What a drive gives in a record, where it counts.

@@ -4,6 +4,7 @@
 //! * [`recordings`]: records in memory; `manifest`: from files (feature `readers`);
 //! * [`structure`]: effects, each in its channel or mode;
 //! * [`finder`]: the search;
+//! * [`identification`]: one model of given structure, from the responses to the records;
 //! * [`planted`]: simulated stages whose truth is known, and the score on them;
 //! * [`decoupling`]: a servo for every mode, checked as a whole;
 //! * [`model_text`]: models as text and figures of a search.
@@ -11,8 +12,10 @@
 pub mod decoupling;
 pub mod finder;
 mod fit;
+pub mod identification;
 #[cfg(feature = "readers")]
 pub mod manifest;
+mod modal_start;
 pub mod model_text;
 pub mod planted;
 pub mod recordings;

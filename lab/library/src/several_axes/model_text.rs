@@ -5,7 +5,7 @@ use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
 use crate::error::{Error, Result};
 use crate::toml_file;
-use hysteron_sim::several_axes::ModalStage;
+use hysteron_sim::several_axes::{ActuatorSoftening, ModalStage};
 use serde::{Deserialize, Serialize};
 
 /// What the first key of a model file says.
@@ -76,6 +76,7 @@ impl AxesModel {
             mode.of_drives.len() == drives
                 && mode.of_sensors.len() == sensors
                 && mode.frequency_hz > 0.0
+                && mode.compliance >= 0.0
                 && finite
         });
         let feedthrough_fits = model.stage.feedthrough.len() == sensors
@@ -84,9 +85,21 @@ impl AxesModel {
                 .feedthrough
                 .iter()
                 .all(|row| row.len() == drives);
+        // What is negative in an actuator, or takes more than there is, gives energy without end.
+        let actuator_fits = |drive: usize| {
+            let path = &model.stage.drives[drive];
+            let slip = |[threshold, stiffness]: &[f64; 2]| *threshold > 0.0 && *stiffness >= 0.0;
+            let softens = |s: ActuatorSoftening| {
+                let most = model.stage.softening_most(drive) * (1.0 + 1e-9);
+                s.half_at > 0.0 && (0.0..=most).contains(&s.stiffness)
+            };
+            path.softening.is_none_or(softens) && path.slips.iter().all(slip)
+        };
+        let actuators_fit = !modes_fit || (0..drives).all(actuator_fits);
         if drives == 0
             || sensors == 0
             || !modes_fit
+            || !actuators_fit
             || !feedthrough_fits
             || model.sample_rate_hz.is_nan()
             || model.sample_rate_hz <= 0.0
@@ -94,7 +107,7 @@ impl AxesModel {
             return Err(Error::new(
                 place,
                 format!(
-                    "its modes and its feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"
+                    "its modes, actuators and feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"
                 ),
             ));
         }

@@ -2,7 +2,8 @@
 //! of the search on them.
 //!
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
-//! where a model has 25 by seven numbers, its creep 7 terms at other times, and its readings have noise.
+//! where a model has 25 by seven numbers, its creep 7 terms at other times, its actuators 12 Maxwell-slip
+//! elements where a model has 11 by six numbers, and its readings have noise.
 
 use super::finder::{AxesFound, AxesPolicy, AxisFinding, find};
 use super::recordings::{AxesData, AxesRecord};
@@ -35,11 +36,13 @@ pub enum AxisPlant {
     SensorBandwidth,
     /// One sensor sees the mode of another axis.
     SensorCoupling,
+    /// The force of an actuator, which moves two modes, remembers its extension.
+    ActuatorHysteresis,
 }
 
 impl AxisPlant {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Coupling,
         Self::ModeOfOneDrive,
         Self::Friction,
@@ -48,6 +51,7 @@ impl AxisPlant {
         Self::NonlinearStiffness,
         Self::SensorBandwidth,
         Self::SensorCoupling,
+        Self::ActuatorHysteresis,
     ];
 
     /// Its name on the command line and in tables.
@@ -62,6 +66,7 @@ impl AxisPlant {
             Self::NonlinearStiffness => "nonlinear_stiffness",
             Self::SensorBandwidth => "sensor_bandwidth",
             Self::SensorCoupling => "sensor_coupling",
+            Self::ActuatorHysteresis => "actuator_hysteresis",
         }
     }
 
@@ -121,6 +126,9 @@ const PERIODS: usize = 5;
 const BAND_HZ: f64 = 1200.0;
 /// Greatest drive, V.
 const REACH_V: f64 = 50.0;
+/// Maxwell-slip elements of an actuator, and the smallest of their thresholds, of the greatest drive.
+const SLIPS: usize = 12;
+const SLIP_LEAST: f64 = 0.02;
 /// Noise of a sensor, of the RMS of its reading.
 const NOISE: f64 = 0.01;
 /// Shares of the greatest drive at which the stage is recorded, and which of the records judge.
@@ -245,6 +253,25 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
                 "sensor {} sees the mode at {:.0} Hz",
                 drive + 1,
                 stage.modes[other].frequency_hz
+            )
+        }
+        AxisPlant::ActuatorHysteresis => {
+            stage.modes[other].of_drives[drive] = random.random_range(0.3..0.6);
+            stage.modes[other].compliance = random.random_range(0.5..2.0);
+            let (total, falls) = (
+                random.random_range(0.05..0.15),
+                random.random_range(1.0..4.0),
+            );
+            let share = |k: usize| k as f64 / (SLIPS - 1) as f64;
+            let weight = |k: usize| (-falls * share(k)).exp();
+            let sum: f64 = (0..SLIPS).map(weight).sum();
+            let threshold = |k: usize| REACH_V * SLIP_LEAST.powf(1.0 - share(k));
+            stage.drives[drive].slips = (0..SLIPS)
+                .map(|k| [threshold(k), total * weight(k) / sum])
+                .collect();
+            format!(
+                "the force of drive {} has memory of its extension",
+                drive + 1
             )
         }
     };
@@ -398,8 +425,11 @@ impl PlantedStage {
             AxisEffect::Hysteresis { drive } => !self.stage.drives[drive].plays.is_empty(),
             AxisEffect::Creep { drive } => !self.stage.drives[drive].creep.is_empty(),
             AxisEffect::Delay { drive } => self.stage.drives[drive].delay_s > 0.0,
+            AxisEffect::ActuatorHysteresis { drive } => !self.stage.drives[drive].slips.is_empty(),
+            AxisEffect::ActuatorSoftening { drive } => self.stage.drives[drive].softening.is_some(),
             AxisEffect::Friction { mode } => mode_has(mode, &|m| m.friction.is_some()),
             AxisEffect::NonlinearStiffness { mode } => mode_has(mode, &|m| m.cubic != 0.0),
+            AxisEffect::ComplexMode { mode } => mode_has(mode, &|m| !m.of_rates.is_empty()),
             AxisEffect::SensorBandwidth { sensor } => self.stage.sensors[sensor].lag_s > 0.0,
         }
     }
@@ -431,7 +461,10 @@ impl PlantedStage {
                 of_mode(m)
             }
             (AxisPlant::Delay, AxisEffect::Delay { drive: j })
-            | (AxisPlant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
+            | (AxisPlant::Creep, AxisEffect::Creep { drive: j })
+            | (AxisPlant::ActuatorHysteresis, AxisEffect::ActuatorHysteresis { drive: j }) => {
+                j == drive
+            }
             (AxisPlant::SensorBandwidth, AxisEffect::SensorBandwidth { sensor: i }) => i == sensor,
             _ => false,
         }

@@ -3,6 +3,7 @@
 use super::fit::Problem;
 use super::recordings::AxesData;
 use super::structure::Described;
+use crate::dataset::Role;
 use crate::spectrum;
 use crate::statistics::mean;
 use nalgebra::{Complex, DMatrix};
@@ -29,24 +30,54 @@ type Spectra = Vec<Vec<Complex<f64>>>;
 /// The responses of a data set and of a model of it.
 #[must_use]
 pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
+    let (drives, sensors) = (data.drives.len(), data.sensors.len());
+    let lines = estimated_responses(data, model, &[Role::Identify, Role::Validate]);
+    let magnitudes = |of: &dyn Fn(&LineResponse) -> &DMatrix<Complex<f64>>| -> Vec<Vec<Vec<f64>>> {
+        let at = |i: usize, j: usize| lines.iter().map(|l| of(l)[(i, j)].norm()).collect();
+        (0..sensors)
+            .map(|i| (0..drives).map(|j| at(i, j)).collect())
+            .collect()
+    };
+    ResponseMatrix {
+        frequency_hz: lines.iter().map(|line| line.frequency_hz).collect(),
+        measured: magnitudes(&|line| &line.measured),
+        modelled: magnitudes(&|line| &line.modelled),
+    }
+}
+
+/// Responses of all sensors to all drives at a frequency.
+pub(super) struct LineResponse {
+    pub(super) frequency_hz: f64,
+    pub(super) measured: DMatrix<Complex<f64>>,
+    modelled: DMatrix<Complex<f64>>,
+}
+
+/// Estimates from the records of some roles, at the frequencies that the drives excite.
+pub(super) fn estimated_responses(
+    data: &AxesData,
+    model: &Described,
+    roles: &[Role],
+) -> Vec<LineResponse> {
     let problem = Problem::new(data);
     let (drives, sensors) = (data.drives.len(), data.sensors.len());
     let mut planner = RealFftPlanner::new();
     let rate_hz = data.records[0].sample_rate_hz;
+    let records = || {
+        let all = data.records.iter().enumerate();
+        all.filter(|(_, record)| roles.contains(&record.role))
+    };
     // Experiments of one length: periods, or stretches of the records.
-    let mut length = data
-        .records
-        .iter()
-        .map(|r| r.counted_to - r.counted_from)
+    let mut length = records()
+        .map(|(_, r)| r.counted_to - r.counted_from)
         .min()
         .unwrap_or(0);
-    if data.records.iter().any(|record| !record.periodic) {
-        length = (length * data.records.len() / (STRETCHES_OF_A_DRIVE * drives))
+    if records().any(|(_, record)| !record.periodic) {
+        length = (length * records().count() / (STRETCHES_OF_A_DRIVE * drives))
             .max(SHORTEST)
             .min(length);
     }
     let mut experiments: Vec<(Spectra, Spectra, Spectra)> = Vec::new();
-    for (n, record) in data.records.iter().enumerate() {
+    for (n, record) in records() {
         let modelled = problem.modelled(&model.stage, n);
         let mut from = record.counted_from;
         while from + length <= record.counted_to {
@@ -66,11 +97,7 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
             from += length;
         }
     }
-    let mut out = ResponseMatrix {
-        frequency_hz: Vec::new(),
-        measured: vec![vec![Vec::new(); drives]; sensors],
-        modelled: vec![vec![Vec::new(); drives]; sensors],
-    };
+    let mut out = Vec::new();
     if experiments.is_empty() {
         return out;
     }
@@ -100,16 +127,12 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
             let y = DMatrix::from_fn(sensors, rows.len(), |i, r| of(rows[r].0, i, rows[r].1));
             y * u.adjoint() * &inverse
         };
-        let measured = response(&|e, i, l| experiments[e].1[i][l]);
-        let modelled = response(&|e, i, l| experiments[e].2[i][l]);
-        out.frequency_hz
-            .push((group.start as f64 + 0.5 * (shared - 1) as f64) * rate_hz / length as f64);
-        for i in 0..sensors {
-            for j in 0..drives {
-                out.measured[i][j].push(measured[(i, j)].norm());
-                out.modelled[i][j].push(modelled[(i, j)].norm());
-            }
-        }
+        out.push(LineResponse {
+            frequency_hz: (group.start as f64 + 0.5 * (shared - 1) as f64) * rate_hz
+                / length as f64,
+            measured: response(&|e, i, l| experiments[e].1[i][l]),
+            modelled: response(&|e, i, l| experiments[e].2[i][l]),
+        });
     }
     out
 }

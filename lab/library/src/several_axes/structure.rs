@@ -1,7 +1,7 @@
 //! What a model of several axes consists of: effects, each in its channel or mode, and their parameters.
 
 use super::recordings::AxesData;
-use hysteron_sim::several_axes::{ModalStage, ModeFriction, StageMode};
+use hysteron_sim::several_axes::{ActuatorSoftening, ModalStage, ModeFriction, StageMode};
 use serde::{Deserialize, Serialize};
 
 /// An effect in its channel or mode. Drives, sensors and modes are counted from 0.
@@ -38,6 +38,11 @@ pub enum AxisEffect {
         /// The sensor.
         sensor: usize,
     },
+    /// Damping that is not proportional: drives move a mode by their rate too.
+    ComplexMode {
+        /// The mode.
+        mode: usize,
+    },
     /// Hysteresis of a drive.
     Hysteresis {
         /// The drive.
@@ -51,6 +56,16 @@ pub enum AxisEffect {
     /// Delay of a drive.
     Delay {
         /// The drive.
+        drive: usize,
+    },
+    /// The force of an actuator remembers its own extension.
+    ActuatorHysteresis {
+        /// The drive of the actuator.
+        drive: usize,
+    },
+    /// An actuator softens and loses more while it moves.
+    ActuatorSoftening {
+        /// The drive of the actuator.
         drive: usize,
     },
     /// Friction on a mode.
@@ -79,9 +94,12 @@ impl AxisEffect {
             Self::DriveCoupling { .. } => "drive_coupling",
             Self::SensorCoupling { .. } => "sensor_coupling",
             Self::Feedthrough { .. } => "feedthrough",
+            Self::ComplexMode { .. } => "complex_mode",
             Self::Hysteresis { .. } => "hysteresis",
             Self::Creep { .. } => "creep",
             Self::Delay { .. } => "delay",
+            Self::ActuatorHysteresis { .. } => "actuator_hysteresis",
+            Self::ActuatorSoftening { .. } => "actuator_softening",
             Self::Friction { .. } => "friction",
             Self::NonlinearStiffness { .. } => "nonlinear_stiffness",
             Self::SensorBandwidth { .. } => "sensor_bandwidth",
@@ -122,7 +140,21 @@ impl AxisEffect {
             Self::Hysteresis { drive } | Self::Creep { drive } | Self::Delay { drive } => {
                 data.drives[drive].clone()
             }
-            Self::Friction { mode } | Self::NonlinearStiffness { mode } => mode_at(mode),
+            Self::ActuatorHysteresis { drive } => {
+                format!(
+                    "the force of {} has memory of its extension",
+                    data.drives[drive]
+                )
+            }
+            Self::ActuatorSoftening { drive } => {
+                format!(
+                    "the actuator of {} softens while it moves",
+                    data.drives[drive]
+                )
+            }
+            Self::Friction { mode }
+            | Self::NonlinearStiffness { mode }
+            | Self::ComplexMode { mode } => mode_at(mode),
             Self::SensorBandwidth { sensor } => data.sensors[sensor].clone(),
         }
     }
@@ -139,6 +171,7 @@ impl AxisEffect {
             Self::DriveCoupling { mode, .. }
             | Self::SensorCoupling { mode, .. }
             | Self::Friction { mode }
+            | Self::ComplexMode { mode }
             | Self::NonlinearStiffness { mode } => Some(mode),
             _ => None,
         }
@@ -151,12 +184,17 @@ pub(super) enum Free {
     LogFrequency(usize),
     LogDamping(usize),
     OfDrive(usize, usize),
+    OfRate(usize, usize),
     OfSensor(usize, usize),
     FrictionForce(usize),
     LogFrictionBend(usize),
     Quadratic(usize),
     Cubic(usize),
     Delay(usize),
+    Slip(usize, usize),
+    Softening(usize),
+    LogHalfAt(usize),
+    Compliance(usize),
     Play(usize, usize),
     Creep(usize, usize),
     Lag(usize),
@@ -168,6 +206,7 @@ pub(super) enum Free {
 pub(super) enum Part {
     Drive(usize),
     Mode(usize),
+    Actuators,
     Sensor(usize),
 }
 
@@ -177,12 +216,16 @@ impl Free {
             Self::LogFrequency(r)
             | Self::LogDamping(r)
             | Self::OfDrive(r, _)
+            | Self::OfRate(r, _)
             | Self::FrictionForce(r)
             | Self::LogFrictionBend(r)
             | Self::Quadratic(r)
             | Self::Cubic(r) => Part::Mode(r),
             Self::OfSensor(_, i) | Self::Lag(i) | Self::Feedthrough(i, _) => Part::Sensor(i),
             Self::Delay(j) | Self::Play(j, _) | Self::Creep(j, _) => Part::Drive(j),
+            Self::Slip(..) | Self::Softening(_) | Self::LogHalfAt(_) | Self::Compliance(_) => {
+                Part::Actuators
+            }
         }
     }
 
@@ -191,12 +234,17 @@ impl Free {
             Self::LogFrequency(r) => stage.modes[r].frequency_hz.ln(),
             Self::LogDamping(r) => stage.modes[r].damping_ratio.ln(),
             Self::OfDrive(r, j) => stage.modes[r].of_drives[j],
+            Self::OfRate(r, j) => stage.modes[r].of_rate(j),
             Self::OfSensor(r, i) => stage.modes[r].of_sensors[i],
             Self::FrictionForce(r) => stage.modes[r].friction.map_or(0.0, |f| f.force),
             Self::LogFrictionBend(r) => stage.modes[r].friction.map_or(0.0, |f| f.bend.ln()),
             Self::Quadratic(r) => stage.modes[r].quadratic,
             Self::Cubic(r) => stage.modes[r].cubic,
             Self::Delay(j) => stage.drives[j].delay_s,
+            Self::Slip(j, knot) => stage.drives[j].slips[knot * SLIPS_BY_KNOT][1],
+            Self::Softening(j) => stage.drives[j].softening.map_or(0.0, |s| s.stiffness),
+            Self::LogHalfAt(j) => stage.drives[j].softening.map_or(0.0, |s| s.half_at.ln()),
+            Self::Compliance(r) => stage.modes[r].compliance,
             Self::Play(j, knot) => stage.drives[j].plays[knot * PLAYS_BY_KNOT][1],
             Self::Creep(j, k) => stage.drives[j].creep[k][0],
             Self::Lag(i) => stage.sensors[i].lag_s,
@@ -210,6 +258,7 @@ impl Free {
             Self::LogFrequency(r) => stage.modes[r].frequency_hz = value.clamp(-20.0, 20.0).exp(),
             Self::LogDamping(r) => stage.modes[r].damping_ratio = value.exp().clamp(1e-5, 0.95),
             Self::OfDrive(r, j) => stage.modes[r].of_drives[j] = value,
+            Self::OfRate(r, j) => stage.modes[r].of_rates[j] = value,
             Self::OfSensor(r, i) => stage.modes[r].of_sensors[i] = value,
             Self::FrictionForce(r) => {
                 if let Some(friction) = &mut stage.modes[r].friction {
@@ -224,18 +273,39 @@ impl Free {
             Self::Quadratic(r) => stage.modes[r].quadratic = value,
             Self::Cubic(r) => stage.modes[r].cubic = value,
             Self::Delay(j) => stage.drives[j].delay_s = value.max(0.0),
+            Self::Slip(j, knot) => {
+                let at = knot * SLIPS_BY_KNOT;
+                let by = value.max(0.0) - stage.drives[j].slips[at][1];
+                add_around(&mut stage.drives[j].slips, at, SLIPS_BY_KNOT, by);
+            }
+            Self::Softening(j) => {
+                let most = stage.softening_most(j);
+                if let Some(softening) = &mut stage.drives[j].softening {
+                    softening.stiffness = value.clamp(0.0, most);
+                }
+            }
+            Self::LogHalfAt(j) => {
+                if let Some(softening) = &mut stage.drives[j].softening {
+                    softening.half_at = value.clamp(-30.0, 30.0).exp();
+                }
+            }
+            Self::Compliance(r) => stage.modes[r].compliance = value.max(0.0),
             Self::Play(j, knot) => {
                 let at = knot * PLAYS_BY_KNOT;
-                let plays = &mut stage.drives[j].plays;
-                let by = value - plays[at][1];
-                for (k, play) in plays.iter_mut().enumerate() {
-                    play[1] += by * (1.0 - k.abs_diff(at) as f64 / PLAYS_BY_KNOT as f64).max(0.0);
-                }
+                let by = value - stage.drives[j].plays[at][1];
+                add_around(&mut stage.drives[j].plays, at, PLAYS_BY_KNOT, by);
             }
             Self::Creep(j, k) => stage.drives[j].creep[k][0] = value,
             Self::Lag(i) => stage.sensors[i].lag_s = value.max(0.0),
             Self::Feedthrough(i, j) => stage.feedthrough[i][j] = value,
         }
+    }
+}
+
+/// Adds to the weight of an element, less to those beside it, nothing from the next knots on.
+fn add_around(elements: &mut [[f64; 2]], at: usize, to_next_knot: usize, by: f64) {
+    for (k, element) in elements.iter_mut().enumerate() {
+        element[1] += by * (1.0 - k.abs_diff(at) as f64 / to_next_knot as f64).max(0.0);
     }
 }
 
@@ -289,8 +359,14 @@ impl Scales {
     pub(super) fn step(&self, free: Free) -> f64 {
         match free {
             Free::LogFrequency(_) => 1e-5,
-            Free::LogDamping(_) | Free::LogFrictionBend(_) => 1e-4,
-            Free::OfDrive(..) | Free::Play(..) | Free::Creep(..) => 1e-4,
+            Free::LogDamping(_) | Free::LogFrictionBend(_) | Free::LogHalfAt(_) => 1e-4,
+            Free::Softening(_) => 1e-6,
+            Free::OfDrive(..)
+            | Free::OfRate(..)
+            | Free::Play(..)
+            | Free::Creep(..)
+            | Free::Slip(..)
+            | Free::Compliance(_) => 1e-4,
             Free::OfSensor(_, i) => 1e-4 * self.reading_rms[i] / self.reach(),
             Free::FrictionForce(_) => 1e-4 * self.reach(),
             Free::Quadratic(_) => 1e-4 / self.reach(),
@@ -313,6 +389,16 @@ const KNOTS: usize = 7;
 const PLAYS_BY_KNOT: usize = 4;
 /// Play operators of a drive.
 const PLAYS: usize = (KNOTS - 1) * PLAYS_BY_KNOT + 1;
+/// Knots of the Maxwell-slip elements of an actuator, two elements from one to the next: their thresholds are
+/// spread evenly over the logarithm, between these shares of its greatest extension.
+const SLIP_KNOTS: usize = 6;
+const SLIPS_BY_KNOT: usize = 2;
+const SLIPS: usize = (SLIP_KNOTS - 1) * SLIPS_BY_KNOT + 1;
+const SLIP_SHARES: [f64; 2] = [0.01, 0.6];
+/// Where the softening of an actuator starts, of what it may take: a twentieth of the stiffness of the stage.
+const SOFTENING_GUESS: f64 = 0.1;
+/// The greatest extension of a record of many levels, by the RMS of the middle one.
+const CREST: f64 = 5.0;
 /// Terms of creep of a drive, spread evenly over the logarithm of time.
 const CREEP_TERMS: usize = 4;
 /// Fastest term of creep, in sampling periods: below it creep and a lag are one.
@@ -337,8 +423,8 @@ impl Described {
         }
     }
 
-    /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, or the
-    /// motion within which friction builds up.
+    /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, the
+    /// motion within which friction builds up, or the greatest extension of an actuator.
     pub(super) fn with(&self, effect: AxisEffect, guess: [f64; 2], scales: &Scales) -> Self {
         let mut out = self.clone();
         let stage = &mut out.stage;
@@ -348,6 +434,9 @@ impl Described {
                 let mut mode =
                     StageMode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
                 mode.of_drives[drive] = 1.0;
+                if stage.is_coupled() {
+                    mode.compliance = 0.0;
+                }
                 stage.modes.push(mode);
             }
             AxisEffect::Hysteresis { drive } => {
@@ -363,6 +452,18 @@ impl Described {
                 let tau_s =
                     |k: usize| from_s * (to_s / from_s).powf(k as f64 / (CREEP_TERMS - 1) as f64);
                 stage.drives[drive].creep = (0..CREEP_TERMS).map(|k| [0.0, tau_s(k)]).collect();
+            }
+            AxisEffect::ActuatorSoftening { drive } => {
+                stage.drives[drive].softening = Some(ActuatorSoftening {
+                    stiffness: SOFTENING_GUESS * stage.softening_most(drive),
+                    half_at: guess[0] / CREST,
+                });
+            }
+            AxisEffect::ActuatorHysteresis { drive } => {
+                let [least, most] = SLIP_SHARES;
+                let share = |k: usize| least * (most / least).powf(k as f64 / (SLIPS - 1) as f64);
+                stage.drives[drive].slips =
+                    (0..SLIPS).map(|k| [share(k) * guess[0], 0.0]).collect();
             }
             AxisEffect::Friction { mode } => {
                 stage.modes[mode].friction = Some(ModeFriction {
@@ -398,6 +499,7 @@ impl Described {
                         | AxisEffect::DriveCoupling { mode, .. }
                         | AxisEffect::SensorCoupling { mode, .. }
                         | AxisEffect::Friction { mode }
+                        | AxisEffect::ComplexMode { mode }
                         | AxisEffect::NonlinearStiffness { mode } => lower(mode),
                         _ => {}
                     }
@@ -411,10 +513,13 @@ impl Described {
             AxisEffect::Hysteresis { drive } => stage.drives[drive].plays.clear(),
             AxisEffect::Creep { drive } => stage.drives[drive].creep.clear(),
             AxisEffect::Delay { drive } => stage.drives[drive].delay_s = 0.0,
+            AxisEffect::ActuatorHysteresis { drive } => stage.drives[drive].slips.clear(),
+            AxisEffect::ActuatorSoftening { drive } => stage.drives[drive].softening = None,
             AxisEffect::Friction { mode } => stage.modes[mode].friction = None,
             AxisEffect::NonlinearStiffness { mode } => {
                 (stage.modes[mode].quadratic, stage.modes[mode].cubic) = (0.0, 0.0)
             }
+            AxisEffect::ComplexMode { mode } => stage.modes[mode].of_rates.clear(),
             AxisEffect::SensorBandwidth { sensor } => stage.sensors[sensor].lag_s = 0.0,
         }
     }
@@ -439,22 +544,49 @@ impl Described {
                 .map(|k| Free::Creep(drive, k))
                 .collect(),
             AxisEffect::Delay { drive } => vec![Free::Delay(drive)],
+            AxisEffect::ActuatorSoftening { drive } => {
+                vec![Free::Softening(drive), Free::LogHalfAt(drive)]
+            }
+            AxisEffect::ActuatorHysteresis { drive } => (0..SLIP_KNOTS)
+                .map(|knot| Free::Slip(drive, knot))
+                .collect(),
             AxisEffect::Friction { mode } => {
                 vec![Free::FrictionForce(mode), Free::LogFrictionBend(mode)]
             }
             AxisEffect::NonlinearStiffness { mode } => {
                 vec![Free::Quadratic(mode), Free::Cubic(mode)]
             }
+            AxisEffect::ComplexMode { mode } => (0..self.stage.modes[mode].of_rates.len())
+                .map(|drive| Free::OfRate(mode, drive))
+                .collect(),
             AxisEffect::SensorBandwidth { sensor } => vec![Free::Lag(sensor)],
         }
     }
 
     /// All numbers that are estimated.
     pub(super) fn free(&self) -> Vec<Free> {
-        self.effects
+        let of_effects = self.effects.iter().flat_map(|effect| self.free_of(*effect));
+        of_effects.chain(self.compliances()).collect()
+    }
+
+    /// Compliances that the actuators with memory feel: of all modes that one moves but the first, which
+    /// gives its extension a unit.
+    fn compliances(&self) -> Vec<Free> {
+        let mut felt = Vec::new();
+        for (j, _) in self
+            .stage
+            .drives
             .iter()
-            .flat_map(|effect| self.free_of(*effect))
-            .collect()
+            .enumerate()
+            .filter(|(_, d)| d.has_memory())
+        {
+            let moved =
+                (0..self.stage.modes.len()).filter(|r| self.stage.modes[*r].of_drives[j] != 0.0);
+            felt.extend(moved.skip(1));
+        }
+        felt.sort_unstable();
+        felt.dedup();
+        felt.into_iter().map(Free::Compliance).collect()
     }
 
     /// How many numbers are estimated.

@@ -10,6 +10,7 @@ fn what_was_planted_is_named_in_its_channel() {
         (AxisPlant::Coupling, 1),
         (AxisPlant::ModeOfOneDrive, 1),
         (AxisPlant::Friction, 1),
+        (AxisPlant::ActuatorHysteresis, 1),
     ] {
         let judged = planted_stage(plant, seed)
             .search(&AxesPolicy::default(), &Unwatched)

@@ -1,0 +1,125 @@
+//! One model of given structure for all records: modes in which every drive and sensor takes part, and
+//! actuators that remember their extension.
+//!
+//! The linear part begins from the measured responses (`modal_start`); then all numbers are refined together
+//! on the records themselves, the actuators' beginning without force.
+
+use super::fit::Problem;
+use super::modal_start::modal_start;
+use super::recordings::AxesData;
+use super::structure::{AxisEffect, Described};
+use crate::dataset::Role;
+use crate::diagnosis::budget::SEARCH_ENDS_AT;
+use crate::error::{Error, Result};
+use crate::statistics::mean;
+use crate::watch::Watch;
+use serde::Serialize;
+
+/// What a model is to consist of.
+#[derive(Clone, Copy, Debug)]
+pub struct Structure {
+    /// Modes that are looked for below the highest frequency.
+    pub modes: usize,
+    /// Whether the forces of the actuators remember their extension.
+    pub actuator_hysteresis: bool,
+    /// Whether the actuators soften while they move.
+    pub actuator_softening: bool,
+}
+
+/// Error of a model on a record.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordError {
+    /// The record.
+    pub record: String,
+    /// Whether it was fitted or held out.
+    pub role: &'static str,
+    /// RMS error of all sensors, of the RMS of their readings, per cent.
+    pub error_pct: f64,
+}
+
+/// Steps between two looks at the watch, and most of them.
+const STEPS: usize = 4;
+const ROUNDS: usize = 12;
+/// A round that lowers the squares by less ends the fit: half of that is a fifth of a per cent of an error.
+const FALL_ENOUGH: f64 = 4e-3;
+
+/// Identifies a model, or refines one.
+///
+/// # Errors
+/// When the responses show no mode, or the watch stops it.
+pub fn identify(
+    data: &AxesData,
+    from: Option<Described>,
+    structure: Structure,
+    watch: &dyn Watch,
+) -> Result<Described> {
+    let problem = Problem::with_model_error(data);
+    let refined = |mut model: Described| -> Result<Described> {
+        let mut cost = problem.cost(&model.stage, Role::Identify);
+        for _ in 0..ROUNDS {
+            if watch.stopped() {
+                return Err(Error::Stopped);
+            }
+            model = problem.fit(&model, STEPS, FALL_ENOUGH / STEPS as f64);
+            let now = problem.cost(&model.stage, Role::Identify);
+            if now > (1.0 - FALL_ENOUGH) * cost || watch.time_used() > SEARCH_ENDS_AT {
+                break;
+            }
+            cost = now;
+        }
+        Ok(model)
+    };
+    let mut model = match from {
+        Some(model) => model,
+        None => refined(modal_start(data, structure.modes)?)?,
+    };
+    let signals = problem.simulate(&model.stage);
+    let reach: Vec<f64> = (0..data.drives.len())
+        .map(|drive| problem.extension_reach(&model.stage, &signals, drive))
+        .collect();
+    let add = |mut model: Described, effect: &dyn Fn(usize) -> AxisEffect| {
+        for (drive, reach) in reach.iter().enumerate() {
+            if !model.effects.contains(&effect(drive)) {
+                model = model.with(effect(drive), [*reach, 0.0], &problem.scales);
+            }
+        }
+        refined(model)
+    };
+    if structure.actuator_softening {
+        model = add(model, &|drive| AxisEffect::ActuatorSoftening { drive })?;
+    }
+    if structure.actuator_hysteresis {
+        model = add(model, &|drive| AxisEffect::ActuatorHysteresis { drive })?;
+    }
+    Ok(model)
+}
+
+/// The errors of a model on all records.
+#[must_use]
+pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
+    let problem = Problem::new(data);
+    let of_record = |n: usize| {
+        let record = &data.records[n];
+        let counted = record.counted_from..record.counted_to;
+        let about_mean = |signal: &[f64]| -> f64 {
+            let mean = mean(signal);
+            signal.iter().map(|x| (x - mean).powi(2)).sum()
+        };
+        let (mut left, mut all) = (0.0, 0.0);
+        for (reading, modelled) in record
+            .readings
+            .iter()
+            .zip(problem.modelled(&model.stage, n))
+        {
+            let error = |k: usize| reading[k] - modelled[k];
+            left += about_mean(&counted.clone().map(error).collect::<Vec<f64>>());
+            all += about_mean(&reading[counted.clone()]);
+        }
+        RecordError {
+            record: record.name.clone(),
+            role: record.role.name(),
+            error_pct: 100.0 * (left / all).sqrt(),
+        }
+    };
+    (0..data.records.len()).map(of_record).collect()
+}
