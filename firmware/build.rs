@@ -18,7 +18,7 @@ SECTIONS
 {
   .image_header ORIGIN(FLASH) + 0x400 : { LONG(__image_bytes); KEEP(*(.image_header)); } > FLASH
   .start_code : {
-    *(.text.*hysteron_core*parameter_block* .text.*hysteron_core*safety_envelope* .text.*hysteron_core*block_choice*);
+    *(.text.*hysteron_core*parameter_block* .text.*hysteron_core*safety_envelope* .text.*hysteron_core*block_choice* .text.*hysteron_core*stepping*verify*);
     *(.text.*hysteron_core*command_text* .text.*hysteron_core*command_lines* .text.*hysteron_core*checksum*);
     *(.text.*hysteron_core*filter_design* .text.*hysteron_core*loop_margin* .text.*hysteron_core*kept_settings* .text.*hysteron_core*kept_events* .text.*hysteron_core*firmware_update*);
   } > FLASH

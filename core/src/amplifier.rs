@@ -35,6 +35,12 @@
 //! then. A stop, a fault and a conditioning forget it: a loop that is closed behind them stays where the
 //! stage stands.
 //!
+//! # Stick-slip drives
+//! With [`AmplifierParameters::stepping`] the closed loop is that of [`crate::stepping`]: it follows
+//! [`Command::MoveTo`] and no waveform. A reading is the encoder's count. A conditioning lets the slider ride
+//! on one cycle and makes the position behind it 0. A trace has the target and the position in place of
+//! reference and applied displacement, um with 16 fraction bits.
+//!
 //! # What conditioned means
 //! The servo inverts the hysteresis from a memory of its own, the drives of the past as it knows them, and
 //! that must be the stage's. A cycle over the whole range wipes out every loop in both, so behind it they
@@ -56,8 +62,9 @@ use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_parameters::ConverterParameters;
 use crate::servo_tick::ServoTick;
 use crate::set_point::{InputState, SetPoint};
-use crate::signal::{Micrometres, Volts, narrow, volts};
+use crate::signal::{Micrometres, Travel, Volts, narrow, volts};
 use crate::signal_filter::{FilteredSignal, Place, SectionRow};
+use crate::stepping::{IfStepping, Loop, Stepper};
 use crate::swing_watch::SwingWatch;
 use crate::trace_frame::TraceSample;
 
@@ -181,6 +188,14 @@ pub enum Command {
         /// Change of the reference in a tick at most.
         most_step: Micrometres,
     },
+    /// With the loop of a stick-slip drive closed: goes to a position and holds it
+    /// ([`crate::stepping::Stepper::move_to`]).
+    MoveTo {
+        /// The position.
+        target: Travel,
+        /// Velocity of the target, um a tick; 0: as fast as the teeth are.
+        velocity: Micrometres,
+    },
     /// Goes to an open-loop drive, no faster than to rest, and holds it; the loop can be closed from there.
     Hold {
         /// The drive, held within its limits; `None`: where it is.
@@ -234,6 +249,8 @@ pub enum Refusal {
     LoopOpen,
     /// The board has no analogue set point, or its envelope does not say how it is wired.
     NoInput,
+    /// A stick-slip drive follows positions of its travel and no waveform, another one the reverse.
+    OtherDrive,
 }
 
 /// The amplifier with all its state.
@@ -283,6 +300,8 @@ pub struct Amplifier {
     /// The analogue set point, where it is wired.
     input: Option<SetPoint>,
     parameters: AmplifierParameters,
+    /// What makes it a stick-slip drive.
+    stepper: IfStepping<Stepper>,
     servo: ServoTick,
 }
 
@@ -323,8 +342,15 @@ impl Amplifier {
     pub fn new(parameters: AmplifierParameters) -> Self {
         let mut servo = ServoTick::new(parameters.servo);
         let code = servo.open_loop(parameters.guard.rest_code);
+        let stepper = parameters
+            .stepping
+            .get()
+            .map_or(IfStepping::NONE, |stepping| {
+                IfStepping::new(Stepper::new(&parameters.servo, *stepping))
+            });
         Self {
             servo,
+            stepper,
             guard: Guard::new(parameters.guard),
             swing: SwingWatch::new(&parameters),
             mode: Mode::Rest,
@@ -502,6 +528,19 @@ impl Amplifier {
             Command::RequireConditioning(required) => self.conditioning_required = required,
             Command::Filter { signal, place, row } => self.set_filter(signal, place, &row),
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
+            Command::Reference { .. } | Command::FollowInput { .. }
+                if self.stepper.get().is_some() =>
+            {
+                return Err(Refusal::OtherDrive);
+            }
+            Command::MoveTo { target, velocity } => {
+                let closed = self.mode == Mode::Closed;
+                let stepper = self.stepper.get_mut().ok_or(Refusal::OtherDrive)?;
+                if !closed {
+                    return Err(Refusal::LoopOpen);
+                }
+                stepper.move_to(target, velocity)?;
+            }
             Command::Reference {
                 waveform: Waveform::Table(_),
                 ..
@@ -536,7 +575,10 @@ impl Amplifier {
                 if self.conditioning_required && !self.conditioned {
                     return Err(Refusal::NotConditioned);
                 }
-                self.begin_reference();
+                match self.stepper.get_mut() {
+                    None => self.begin_reference(),
+                    Some(stepper) => stepper.begin(),
+                }
                 self.guard.begin_loop();
                 self.swing.begin(self.code);
                 self.mode = Mode::Closed;
@@ -721,6 +763,15 @@ impl Amplifier {
     pub fn tick(&mut self, reading: Option<SensorCode>, overrun: bool) -> TraceSample {
         let tick = self.tick;
         self.tick = tick.wrapping_add(1);
+        let reading = match self.stepper.get_mut() {
+            None => reading,
+            Some(stepper) => stepper.read(
+                reading,
+                &mut self.guard,
+                self.mode == Mode::Closed,
+                self.mode == Mode::Playing,
+            ),
+        };
         let mut fault = self.guard.inspect(reading);
         if overrun {
             fault = Some(Fault::Overrun);
@@ -730,22 +781,13 @@ impl Amplifier {
         }
         let before = self.code;
         self.code = match (self.mode, reading) {
-            (Mode::Closed, Some(code)) => {
-                let wanted = self.servo.tick(code, self.generator.next_value());
-                let reference = self.servo.reference().to_bits();
-                let error = reference.saturating_sub(self.servo.sensed().to_bits());
-                let fault = self
-                    .guard
-                    .inspect_loop(error, self.servo.slewing())
-                    .or_else(|| self.swing.inspect(wanted, reference));
-                match fault {
-                    None => wanted,
-                    Some(fault) => {
-                        self.refuse(fault);
-                        self.servo.open_loop(self.guard.towards_rest(before))
-                    }
+            (Mode::Closed, Some(code)) => match self.close(code) {
+                Ok(wanted) => wanted,
+                Err(fault) => {
+                    self.refuse(fault);
+                    self.servo.open_loop(self.guard.towards_rest(before))
                 }
-            }
+            },
             (Mode::Playing, Some(code)) => self.play(code),
             _ => self.servo.open_loop(self.guard.towards_rest(before)),
         };
@@ -757,19 +799,48 @@ impl Amplifier {
         if !self.armed && self.powered && self.self_test.is_none() && self.drive_rests() {
             self.switch_off();
         }
+        let (reference, applied) = match self.stepper.get() {
+            Some(stepper) => (stepper.target().to_bits(), stepper.position().to_bits()),
+            None => (
+                if self.mode == Mode::Closed {
+                    self.servo.reference().to_bits()
+                } else {
+                    0
+                },
+                self.servo.applied().to_bits(),
+            ),
+        };
         TraceSample {
             tick,
             adc_code: reading.unwrap_or_default(),
             dac_code: self.code,
-            reference: if self.mode == Mode::Closed {
-                self.servo.reference().to_bits()
-            } else {
-                0
-            },
-            applied: self.servo.applied().to_bits(),
+            reference,
+            applied,
             unknown_input: self.servo.unknown_input(),
             flags: self.status().flags(),
         }
+    }
+
+    /// The code that the closed loop wants, or what stops it.
+    #[inline(always)]
+    fn close(&mut self, reading: SensorCode) -> Result<DriveCode, Fault> {
+        if let Some(stepper) = self.stepper.get_mut() {
+            let parts = Loop {
+                servo: &mut self.servo,
+                guard: &mut self.guard,
+                swing: &mut self.swing,
+                code: self.code,
+            };
+            return stepper.tick(reading, parts);
+        }
+        let wanted = self.servo.tick(reading, self.generator.next_value());
+        let reference = self.servo.reference().to_bits();
+        let error = reference.saturating_sub(self.servo.sensed().to_bits());
+        let fault = self
+            .guard
+            .inspect_loop(error, self.servo.slewing())
+            .or_else(|| self.swing.inspect(wanted, reference));
+        fault.map_or(Ok(wanted), Err)
     }
 
     /// The power stage is off from now on, and the stage goes its own way.
@@ -834,8 +905,12 @@ impl Amplifier {
         }
         // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
         let adc_step = self.parameters.servo.converters.adc_step;
-        self.servo
-            .zero_sensor(-narrow((self.zero_sum * adc_step) >> 26));
+        match self.stepper.get_mut() {
+            Some(stepper) => stepper.zero_at_mean(self.zero_sum, ZERO_TICKS),
+            None => self
+                .servo
+                .zero_sensor(-narrow((self.zero_sum * adc_step) >> 26)),
+        }
         self.servo.reset_counters();
         self.zeroed = true;
         self.conditioned = true;
@@ -973,6 +1048,13 @@ impl Amplifier {
             Mode::Playing => self.held_code.is_none() && self.player.marked(0),
             Mode::Rest | Mode::Fault => false,
         }
+    }
+
+    /// What makes it a stick-slip drive; `None`: it is none.
+    #[inline]
+    #[must_use]
+    pub fn stepper(&self) -> Option<&Stepper> {
+        self.stepper.get()
     }
 
     /// The servo.

@@ -22,6 +22,9 @@ pub fn may_follow(
     if before.sample_rate_hz != after.sample_rate_hz || running.servo.delayed != new.servo.delayed {
         return Err("made for another sampling rate");
     }
+    if running.stepping != new.stepping {
+        return Err("another stick-slip drive, or one instead of another kind");
+    }
     let limits = |p: &AmplifierParameters| {
         (
             p.physical.drive_min_mv,

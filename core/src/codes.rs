@@ -117,10 +117,6 @@ code! {
     DriveCode
 }
 
-/// Count of an encoder along a travel: no converter bounds it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EncoderCount(pub i32);
-
 #[cfg(test)]
 mod tests {
     use super::*;

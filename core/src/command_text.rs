@@ -22,6 +22,8 @@
 //! reference constant NM
 //! reference sine MILLIHERTZ NM OFFSET_NM
 //! reference step NM DELAY_TICKS DURATION_TICKS
+//! travel NM NM_PER_S                           a stick-slip drive goes to a position, at a velocity or, with
+//!                                              0, as fast as its teeth are
 //! play sine MILLIHERTZ MV OFFSET_MV TICKS      open loop
 //! play chirp MILLIHERTZ MILLIHERTZ MV OFFSET_MV TICKS
 //! identify TICKS                               open loop: tones over the whole range and a small sweep,
@@ -50,7 +52,10 @@ use core::fmt::{self, Write};
 use crate::amplifier::Command;
 use crate::loop_telemetry::{EXPECTED_RESONANCE, ResonanceWatch};
 use crate::reference_generator::Waveform;
-use crate::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, VOLT_FRACTION_BITS, Volts};
+use crate::signal::{
+    MICROMETRE_FRACTION_BITS, Micrometres, Quantity, TRAVEL_FRACTION_BITS, Travel,
+    VOLT_FRACTION_BITS, Volts,
+};
 use crate::trace_frame::Channels;
 
 const EXPECTED_TIMEOUT: &str = "expected a timeout of 10 to 3600000 milliseconds, or 0 for none";
@@ -280,6 +285,17 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
                     duration_ticks,
                 },
                 offset: Micrometres::from_bits(0),
+            }
+        }
+        (Some("travel"), Some(_)) => {
+            let target = Travel::from_bits(scaled(number()?, TRAVEL_FRACTION_BITS)?);
+            let a_tick = i64::from(number()?) << MICROMETRE_FRACTION_BITS;
+            let a_tick = a_tick / (1000 * i64::from(sample_rate_hz.max(1)));
+            Command::MoveTo {
+                target,
+                velocity: i32::try_from(a_tick)
+                    .map(Micrometres::from_bits)
+                    .map_err(|_| "a velocity is too large")?,
             }
         }
         (Some("play"), Some("sine")) => {

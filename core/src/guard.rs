@@ -37,6 +37,7 @@
 //! | drive's converter holds another code | its register, read back | power off at once |
 //! | part too hot | its temperature exceeds the board's limit | ramp to rest |
 //! | analogue set point open | [`crate::set_point`], while it is followed | ramp to rest |
+//! | stick-slip drive stalls, end of travel | [`crate::stepping`] | ramp to rest |
 //! | parameter block, kept settings | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
@@ -120,11 +121,15 @@ pub enum Fault {
     SetPointOpen = 36,
     /// The amplifier is hotter than it may be, or its temperature is not read.
     AmplifierTooHot = 37,
+    /// Teeth of a stick-slip drive bring no travel: too much load, too little friction, something jams.
+    Stalled = 38,
+    /// The slider of a stick-slip drive is at an end of its travel.
+    EndOfTravel = 39,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 37] = [
+    pub const ALL: [(Self, &'static str); 39] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -183,6 +188,8 @@ impl Fault {
             Self::AmplifierTooHot,
             "amplifier too hot, or its temperature not read",
         ),
+        (Self::Stalled, "stalled"),
+        (Self::EndOfTravel, "end of travel"),
     ];
 
     /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
@@ -315,6 +322,11 @@ impl Guard {
             return Some(Fault::SensorStuck);
         }
         (code.abs_diff(last) > p.jump_codes).then_some(Fault::SensorJump)
+    }
+
+    /// The sensor's codes mean other positions from now on: that of the last reading is this one.
+    pub fn move_last_code(&mut self, code: SensorCode) {
+        self.last_code = self.last_code.map(|_| code);
     }
 
     /// The last reading; `None` if the converter did not answer, or before the first.

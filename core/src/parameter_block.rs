@@ -7,7 +7,8 @@
 //! ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both, then
 //! the bands of the loop ([`crate::loop_margin`]). Only where a periodic reference is learned, the filters for
-//! it follow; only where the gain is adapted, its bounds stand behind them. [`read`] refuses what is damaged, of
+//! it follow; only where the gain is adapted, its bounds stand behind them; a stick-slip drive, which has
+//! neither, ends on the integers of [`crate::stepping`]. [`read`] refuses what is damaged, of
 //! another version, made for another sampling rate, whose integers contradict its physical description, with
 //! which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
@@ -31,6 +32,7 @@ use crate::servo_parameters::{
 };
 use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
+use crate::stepping::{self, ENCODER_BITS, IfStepping, STEPPING_BYTES, SteppingParameters};
 
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
@@ -76,6 +78,19 @@ pub struct AmplifierParameters {
     pub guard: GuardParameters,
     /// What filters of the sensor and an adapted gain must leave of the loop.
     pub loop_bands: LoopBands,
+    /// What makes it a stick-slip drive.
+    pub stepping: IfStepping<SteppingParameters>,
+}
+
+impl AmplifierParameters {
+    /// Bits of a reading: the sensor's code, or the encoder's count.
+    #[must_use]
+    pub fn reading_bits(&self) -> u8 {
+        match self.stepping.get() {
+            None => self.servo.converters.adc_bits,
+            Some(_) => ENCODER_BITS,
+        }
+    }
 }
 
 /// Why a block is refused.
@@ -426,6 +441,7 @@ impl Wire for AmplifierParameters {
                 },
             guard,
             loop_bands,
+            stepping,
         } = self;
         physical.write(to)?;
         converters.write(to)?;
@@ -440,7 +456,8 @@ impl Wire for AmplifierParameters {
             .map_or(Ok(()), |learning| learning.write(to))?;
         adaptation
             .as_ref()
-            .map_or(Ok(()), |adaptation| adaptation.write(to))
+            .map_or(Ok(()), |adaptation| adaptation.write(to))?;
+        stepping.get().map_or(Ok(()), |stepping| stepping.write(to))
     }
     fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
         let physical = Wire::read(from)?;
@@ -455,6 +472,15 @@ impl Wire for AmplifierParameters {
         };
         let guard = Wire::read(from)?;
         let loop_bands = Wire::read(from)?;
+        let mut stepping = IfStepping::NONE;
+        if from.rest.len() == STEPPING_BYTES {
+            stepping = IfStepping::new(Wire::read(from)?);
+            if stepping.get().is_none() {
+                return Err(BlockError::Range(
+                    "made for a stick-slip drive, which this image has no room for",
+                ));
+            }
+        }
         if from.rest.len() > ADAPTATION_BYTES {
             servo.learning = Some(Wire::read(from)?);
         }
@@ -466,6 +492,7 @@ impl Wire for AmplifierParameters {
             servo,
             guard,
             loop_bands,
+            stepping,
         })
     }
 }
@@ -994,6 +1021,9 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
             ));
         }
     }
+    if let Some(stepping) = parameters.stepping.get() {
+        stepping::verify(&parameters.servo, stepping).map_err(BlockError::Range)?;
+    }
     if !parameters.knows_its_loop() {
         return Err(BlockError::Range(
             "a law that closes a loop says what the loop passes on",
@@ -1140,6 +1170,7 @@ pub(crate) mod tests {
                 rest_code: DriveCode::new(9363),
                 healthy_ticks: 1000,
             },
+            stepping: IfStepping::NONE,
             loop_bands: LoopBands {
                 transmission: [32; BANDS],
             },

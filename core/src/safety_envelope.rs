@@ -439,6 +439,9 @@ impl SafetyEnvelope {
         if follows && span.abs_diff(self.sensor_span_nm) > self.sensor_span_nm >> 10 {
             return Err("beyond the safety envelope: made for another scale of the sensor");
         }
+        if parameters.stepping.get().is_some() && self.sensor_corrections != [0; POINTS] {
+            return Err("beyond the safety envelope: corrections of a sensor that is an encoder");
+        }
         let margin = (u32::from(self.sensor_margin) << c.adc_bits) >> 16;
         if guard.adc_code_min.steps() < margin
             || guard.adc_code_max + margin > SensorCode::highest(c.adc_bits)

@@ -11,35 +11,76 @@
 //! | slow flank, fast flank | one tooth towards the target | another tooth while the target is beyond [`SteppingParameters::reach`] |
 //! | settling | the drive rests | after [`SteppingParameters::settle_ticks`] |
 //! | fine | the law brings the slider to the target, from where both stand | a law that stays at a limit of the drive asks for one more tooth, which moves the drive to its other end |
-//! | holding | the drive rests; with a velocity, teeth follow the moving target | |
-//! | fault | the drive goes to rest as [`Guard::towards_rest`] has it | a cleared fault |
+//! | holding | the drive rests; with a velocity, teeth follow the moving target | where the target stands still |
 //!
-//! The fine law reads the position within a window about [`SteppingTick`]'s origin, in the codes of its own
-//! converter. In fine motion the origin is the target, and a quintic leads from the position to it
+//! [`crate::amplifier`] closes and opens it as any loop: the servo, the guard and the limits are those of
+//! every block.
+//!
+//! # The encoder
+//! A reading is the lowest [`ENCODER_BITS`] bits of the encoder's count, and the count goes on with the
+//! shorter way from one to the next. The guard and the fine law read the position within a window about an
+//! origin, in the codes of the block's converter. The window moves with the slider; it stands while something
+//! is played and in fine motion. There the origin is the target, and a quintic leads from the position to it
 //! ([`Waveform::QuasiStep`]): the law begins at no error and at the drive that acts.
 //!
 //! # Faults
-//! [`SteppingFault::Stalled`]: so many whole teeth brought less than the least travel. Near an end of the
-//! travel the same is [`SteppingFault::EndStop`], and so is a position beyond an end. Faults of sensor and loop
-//! are those of the [`Guard`].
+//! [`Fault::Stalled`]: so many whole teeth brought less than the least travel. Near an end of the travel the
+//! same is [`Fault::EndOfTravel`], and so are a tracking error and a position beyond an end.
 
-use crate::codes::{DriveCode, EncoderCount, SensorCode};
-use crate::guard::{Fault, Guard, GuardParameters};
-use crate::output_limit::OutputLimit;
+use crate::amplifier::Refusal;
+use crate::codes::{DriveCode, MOST_BITS, SensorCode};
+use crate::guard::{Fault, Guard};
+use crate::parameter_block::{BlockError, Reader, Wire, Writer, wire_struct};
 use crate::reference_generator::{ReferenceGenerator, Waveform};
 use crate::servo_parameters::ServoParameters;
 use crate::servo_tick::ServoTick;
 use crate::signal::{
     MICROMETRE_FRACTION_BITS, Micrometres, TRAVEL_FRACTION_BITS, Travel, saturate,
 };
-use crate::trace_frame::TraceSample;
+use crate::swing_watch::SwingWatch;
 
 /// Fraction bits of shares of a flank.
 pub const FLANK_FRACTION_BITS: u32 = 15;
+/// Bits of the encoder's count in a reading: as many as the widest code has.
+pub const ENCODER_BITS: u8 = MOST_BITS;
 /// Longest flank: its ticks have room above [`FLANK_FRACTION_BITS`].
 const MOST_TICKS: u64 = (1 << (32 - FLANK_FRACTION_BITS)) - 1;
 /// A flank that a limit of the slew holds back may last so many times its ticks.
 const LATE_FLANK: u32 = 8;
+
+/// Places of an [`IfStepping`].
+const PLACES: usize = cfg!(feature = "stepping") as usize;
+
+/// What a stepping drive has and another one has not. In a build without the feature `stepping` it is never
+/// there and takes no room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IfStepping<T>([Option<T>; PLACES]);
+
+impl<T> IfStepping<T> {
+    /// Not there.
+    pub const NONE: Self = Self([const { None }; PLACES]);
+
+    /// There, in a build that has it.
+    #[must_use]
+    pub fn new(value: T) -> Self {
+        let mut value = Some(value);
+        Self([const { None }; PLACES].map(|_: Option<T>| value.take()))
+    }
+
+    /// The value.
+    #[inline(always)]
+    #[must_use]
+    pub fn get(&self) -> Option<&T> {
+        self.0.first()?.as_ref()
+    }
+
+    /// The value, to change it.
+    #[inline(always)]
+    #[must_use]
+    pub fn get_mut(&mut self) -> Option<&mut T> {
+        self.0.first_mut()?.as_mut()
+    }
+}
 
 /// Integers of the stepping, quantised once on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,6 +121,37 @@ pub struct SteppingParameters {
     pub arrival_ticks: u16,
 }
 
+impl Wire for Travel {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        self.to_bits().write(to)
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        i32::read(from).map(Self::from_bits)
+    }
+}
+
+wire_struct!(SteppingParameters {
+    encoder_step,
+    low,
+    high,
+    slow_ticks,
+    fast_ticks,
+    curvature,
+    settle_ticks,
+    fine_ticks,
+    reach,
+    lead,
+    travel_min,
+    travel_max,
+    end_zone,
+    least_step,
+    stall_teeth,
+    tolerance,
+    arrival_ticks,
+});
+/// Bytes of them in a block.
+pub(crate) const STEPPING_BYTES: usize = 58;
+
 /// What the drive does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -94,50 +166,6 @@ pub enum Phase {
     Settling = 3,
     /// The law holds the slider at the target.
     Fine = 4,
-    /// The drive goes to rest, or is there.
-    Fault = 5,
-}
-
-/// What stops a stepping drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SteppingFault {
-    /// Teeth bring no travel: too much load, too little friction, something jams.
-    Stalled,
-    /// The slider is at an end of its travel.
-    EndStop,
-    /// Sensor or loop.
-    Guard(Fault),
-}
-
-impl SteppingFault {
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Stalled => "stick-slip drive stalled",
-            Self::EndStop => "slider at an end of its travel",
-            Self::Guard(fault) => fault.name(),
-        }
-    }
-
-    /// Its number in a trace: those of the guard's faults are their own.
-    #[must_use]
-    pub fn number(self) -> u8 {
-        match self {
-            Self::Stalled => 0xf0,
-            Self::EndStop => 0xf1,
-            Self::Guard(fault) => fault as u8,
-        }
-    }
-}
-
-/// Why a move does not begin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// The target is beyond the travel.
-    BeyondTravel,
-    /// A fault is not cleared.
-    Fault,
 }
 
 /// What is counted.
@@ -145,10 +173,8 @@ pub enum Refusal {
 pub struct SteppingCounters {
     /// Teeth, those for want of reach included.
     pub teeth: u32,
-    /// Values that left their format and were held at its end.
+    /// Positions that left their format and were held at its end.
     pub saturated_values: u32,
-    /// Ticks at which the output limit changed a code of the law.
-    pub limited_codes: u32,
     /// Ticks at which a moving target was held back because the slider fell too far behind.
     pub held_back_ticks: u32,
 }
@@ -165,6 +191,8 @@ struct Flank {
 
 impl Flank {
     /// From a code to an end of the teeth, as fast as a whole flank over `span` steps in `ticks`.
+    // Once in memory that is short: a flank begins rarely.
+    #[inline(never)]
     fn new(from: DriveCode, aim: DriveCode, span: u32, ticks: u16, curvature: u16) -> Self {
         // At most 20 and 16 bits.
         let share = u64::from(from.abs_diff(aim)) * u64::from(ticks) / u64::from(span.max(1));
@@ -204,24 +232,38 @@ impl Flank {
     }
 }
 
-/// A stepping drive with all its state.
+/// The servo of the amplifier and what watches it, for a tick.
+pub struct Loop<'a> {
+    /// The servo.
+    pub servo: &'a mut ServoTick,
+    /// The guard.
+    pub guard: &'a mut Guard,
+    /// The watch of the fine law's drive.
+    pub swing: &'a mut SwingWatch,
+    /// The code that acts.
+    pub code: DriveCode,
+}
+
+/// What makes a servo a stepping drive, with all its state.
 #[derive(Clone, Debug)]
-pub struct SteppingTick {
-    servo: ServoTick,
-    guard: Guard,
-    limit: OutputLimit,
+pub struct Stepper {
     parameters: SteppingParameters,
+    adc_bits: u8,
     phase: Phase,
-    fault: Option<SteppingFault>,
-    code: DriveCode,
     position: i32,
     target: i32,
+    /// Where a moving target stops.
+    goal: i32,
     /// Velocity of the target, um a tick with 24 fraction bits, and what of it is below the target's format.
     velocity: i32,
     below: i32,
-    /// Count in the middle of the window of the sensor's codes.
+    /// The last reading; its count, the count at position 0, and the one in the middle of the window.
+    last: Option<SensorCode>,
+    count: i32,
+    zero: i32,
     origin: i32,
-    window_code: SensorCode,
+    /// Something is played: the window stands.
+    plays: bool,
     forward: bool,
     flank: Flank,
     whole: bool,
@@ -234,37 +276,27 @@ pub struct SteppingTick {
     arrived_for: u16,
     reference: ReferenceGenerator<Micrometres>,
     counters: SteppingCounters,
-    tick: u32,
 }
 
-impl SteppingTick {
-    /// A drive at rest with its slider at `count`.
-    ///
-    /// # Errors
-    /// What of the parameters contradicts the rest.
-    pub fn new(
-        servo: ServoParameters,
-        guard: GuardParameters,
-        limit: OutputLimit,
-        stepping: SteppingParameters,
-        count: EncoderCount,
-    ) -> Result<Self, &'static str> {
-        verify(&servo, &stepping)?;
-        let rest = guard.rest_code;
-        let mut this = Self {
-            servo: ServoTick::new(servo),
-            guard: Guard::new(guard),
-            limit,
-            parameters: stepping,
+impl Stepper {
+    /// With its slider at position 0, wherever the encoder begins.
+    #[must_use]
+    pub fn new(servo: &ServoParameters, parameters: SteppingParameters) -> Self {
+        let rest = servo.converters.dac_code_min;
+        Self {
+            parameters,
+            adc_bits: servo.converters.adc_bits,
             phase: Phase::Holding,
-            fault: None,
-            code: rest,
             position: 0,
             target: 0,
+            goal: 0,
             velocity: 0,
             below: 0,
-            origin: count.0,
-            window_code: SensorCode::default(),
+            last: None,
+            count: 0,
+            zero: 0,
+            origin: 0,
+            plays: false,
             forward: true,
             flank: Flank::new(rest, rest, 1, 1, 0),
             whole: false,
@@ -277,131 +309,109 @@ impl SteppingTick {
             arrived_for: 0,
             reference: ReferenceGenerator::new(Waveform::Constant, Micrometres::ZERO),
             counters: SteppingCounters::default(),
-            tick: 0,
-        };
-        this.position = this.travel(count);
-        this.target = this.position;
-        this.apply(rest);
-        Ok(this)
+        }
     }
 
-    /// Goes to a position and holds it.
+    /// The loop closes: the slider stays where it is.
+    pub fn begin(&mut self) {
+        (self.target, self.goal) = (self.position, self.position);
+        self.forget_way();
+        self.rest_before_deciding();
+    }
+
+    /// Goes to a position and holds it, behind a target that moves there at a velocity, um a tick; at a
+    /// velocity of 0 as fast as the teeth are.
     ///
     /// # Errors
-    /// The target is beyond the travel, or a fault stands.
-    pub fn move_to(&mut self, target: Travel) -> Result<(), Refusal> {
-        if self.fault.is_some() {
-            return Err(Refusal::Fault);
-        }
+    /// The target is beyond the travel.
+    pub fn move_to(&mut self, target: Travel, velocity: Micrometres) -> Result<(), Refusal> {
         if target < self.parameters.travel_min || target > self.parameters.travel_max {
-            return Err(Refusal::BeyondTravel);
+            return Err(Refusal::BeyondLimits);
         }
-        self.target = target.to_bits();
-        (self.velocity, self.below) = (0, 0);
-        (self.short_teeth, self.teeth_for_reach, self.arrived_for) = (0, 0, 0);
-        if !matches!(self.phase, Phase::SlowFlank | Phase::FastFlank) {
+        self.goal = target.to_bits();
+        self.forget_way();
+        let way = self.goal.saturating_sub(self.position);
+        let is_near = way.unsigned_abs() <= self.parameters.reach.to_bits().unsigned_abs();
+        let speed = velocity.to_bits().saturating_abs();
+        let follows = speed > 0 && !is_near;
+        if follows {
+            self.target = self.position;
+            self.velocity = if way < 0 { -speed } else { speed };
+        } else {
+            self.target = self.goal;
+        }
+        if matches!(self.phase, Phase::SlowFlank | Phase::FastFlank) {
+        } else if follows {
+            self.phase = Phase::Holding;
+        } else {
             self.rest_before_deciding();
         }
         Ok(())
     }
 
-    /// Follows a target that moves from here at a velocity, um a tick, by teeth alone. Ends with
-    /// [`Self::move_to`], with a velocity of zero, or at an end of the travel.
-    ///
-    /// # Errors
-    /// A fault stands.
-    pub fn follow(&mut self, velocity: Micrometres) -> Result<(), Refusal> {
-        if self.fault.is_some() {
-            return Err(Refusal::Fault);
-        }
-        self.target = self.position;
-        (self.velocity, self.below) = (velocity.to_bits(), 0);
-        self.short_teeth = 0;
-        if !matches!(self.phase, Phase::SlowFlank | Phase::FastFlank) {
-            self.phase = Phase::Holding;
-        }
-        Ok(())
+    fn forget_way(&mut self) {
+        (self.velocity, self.below) = (0, 0);
+        (self.short_teeth, self.teeth_for_reach, self.arrived_for) = (0, 0, 0);
     }
 
-    /// Clears a fault once the sensor was healthy for long enough; whether it did.
-    pub fn clear_fault(&mut self) -> bool {
-        let clears = self.fault.is_some() && self.guard.healthy();
-        if clears {
-            self.fault = None;
-            self.phase = Phase::Holding;
-            (self.target, self.velocity) = (self.position, 0);
-        }
-        clears
+    /// Position 0 is where so many readings were on the mean, by the sum of their codes in the window, which
+    /// stood.
+    pub fn zero_at_mean(&mut self, sum: i64, readings: u32) {
+        let readings = i64::from(readings.max(1));
+        let middle = 1i64 << (self.adc_bits - 1);
+        let about = (sum + readings / 2).div_euclid(readings) - middle;
+        self.zero = self.origin.wrapping_add(about as i32);
+        self.position = self.travel();
     }
 
-    /// One period: the encoder's count, or none if it did not answer, gives the code to apply.
-    pub fn tick(&mut self, count: Option<EncoderCount>) -> DriveCode {
-        self.tick = self.tick.wrapping_add(1);
-        match self.inspect(count) {
-            Some(fault) => self.stop(SteppingFault::Guard(fault)),
-            None => self.watch_ends(),
+    /// Takes a reading of the encoder: its code in the window. `closed`: this loop is; `plays`: something is
+    /// played.
+    #[inline]
+    pub fn read(
+        &mut self,
+        reading: Option<SensorCode>,
+        guard: &mut Guard,
+        closed: bool,
+        plays: bool,
+    ) -> Option<SensorCode> {
+        let code = reading?;
+        let before = self.count;
+        let last = self.last.replace(code);
+        // The lowest bits, with their sign.
+        const ABOVE: u32 = i32::BITS - ENCODER_BITS as u32;
+        let from = last.map_or(0, SensorCode::steps);
+        let moved = (code.steps().wrapping_sub(from) << ABOVE) as i32 >> ABOVE;
+        self.count = self.count.wrapping_add(moved);
+        if last.is_none() {
+            (self.zero, self.origin) = (self.count, self.count);
         }
-        self.move_target();
-        match self.phase {
-            Phase::Fault => {
-                let code = self.guard.towards_rest(self.code);
-                self.apply(code);
-            }
-            Phase::Holding => {
-                if self.velocity != 0
-                    && self.error().unsigned_abs() >= self.parameters.lead.to_bits().unsigned_abs()
-                {
-                    self.begin_tooth();
-                } else {
-                    self.apply(self.code);
-                }
-            }
-            Phase::Settling => {
-                self.apply(self.code);
-                self.waited = self.waited.saturating_add(1);
-                if self.waited >= self.parameters.settle_ticks {
-                    self.decide();
-                }
-            }
-            Phase::SlowFlank | Phase::FastFlank => self.step_flank(),
-            Phase::Fine => self.step_fine(),
+        self.position = self.travel();
+        let quarter = 1u32 << (self.adc_bits - 2);
+        let stands = plays || (closed && self.phase == Phase::Fine);
+        let begins = plays && !self.plays;
+        if begins || (!stands && self.count.abs_diff(self.origin) > quarter) {
+            self.look_about(self.count, before, guard);
         }
-        self.code
+        self.plays = plays;
+        Some(self.window(self.count))
     }
 
-    /// Reads the count, moves the window of codes along, and asks the guard.
-    fn inspect(&mut self, count: Option<EncoderCount>) -> Option<Fault> {
-        let Some(count) = count else {
-            return self.guard.inspect(None);
-        };
-        self.position = self.travel(count);
-        self.window_code = self.window(count);
-        let fault = self.guard.inspect(Some(self.window_code));
-        let quarter = 1u32 << (self.servo.parameters().converters.adc_bits - 2);
-        if fault.is_none() && count.0.abs_diff(self.origin) > quarter && self.phase != Phase::Fine {
-            self.look_about(count.0, count);
-        }
-        fault
-    }
-
-    /// Moves the window of codes; the guard begins with the present reading.
-    fn look_about(&mut self, origin: i32, count: EncoderCount) {
+    /// Moves the window; what the guard saw last, at `count`, moves with it.
+    fn look_about(&mut self, origin: i32, count: i32, guard: &mut Guard) {
         self.origin = origin;
-        self.window_code = self.window(count);
-        let limits = *self.guard.parameters();
-        self.guard = Guard::new(limits);
-        let _ = self.guard.inspect(Some(self.window_code));
+        guard.move_last_code(self.window(count));
     }
 
-    fn window(&self, count: EncoderCount) -> SensorCode {
-        let middle = 1i64 << (self.servo.parameters().converters.adc_bits - 1);
-        let about = i64::from(count.0) - i64::from(self.origin);
+    fn window(&self, count: i32) -> SensorCode {
+        let middle = 1i64 << (self.adc_bits - 1);
+        let about = i64::from(count) - i64::from(self.origin);
         SensorCode::new((middle + about.clamp(-middle, middle - 1)) as u32)
     }
 
-    fn travel(&mut self, count: EncoderCount) -> i32 {
+    fn travel(&mut self) -> i32 {
         // counts * um (40) -> um (16), the step in two parts, of which each product has room.
-        let (count, step) = (i64::from(count.0), self.parameters.encoder_step);
+        let count = i64::from(self.count.saturating_sub(self.zero));
+        let step = self.parameters.encoder_step;
         let wide = count * (step >> 16) + ((count * (step & 0xffff)) >> 16);
         saturate(wide >> 8, &mut self.counters.saturated_values)
     }
@@ -410,6 +420,7 @@ impl SteppingTick {
     fn count_at(&self, position: i32) -> i32 {
         let step = self.parameters.encoder_step.max(1);
         let count = (i64::from(position) << 24).saturating_add(step / 2) / step;
+        let count = count.saturating_add(self.zero.into());
         count.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
     }
 
@@ -418,17 +429,39 @@ impl SteppingTick {
         self.target.saturating_sub(self.position)
     }
 
-    fn apply(&mut self, wanted: DriveCode) {
-        let (code, _) = self.limit.pass(wanted);
-        self.code = self.servo.open_loop(code);
-    }
-
-    fn stop(&mut self, fault: SteppingFault) {
-        if self.fault.is_none() {
-            self.fault = Some(fault);
+    /// One period of the closed loop, behind [`Self::read`]: the code that is wanted, or what stops it.
+    #[inline(never)]
+    pub fn tick(&mut self, reading: SensorCode, parts: Loop<'_>) -> Result<DriveCode, Fault> {
+        if self.is_beyond_end() {
+            return Err(Fault::EndOfTravel);
         }
-        self.velocity = 0;
-        self.phase = Phase::Fault;
+        self.move_target();
+        match self.phase {
+            Phase::Holding => {
+                let lead = self.parameters.lead.to_bits().unsigned_abs();
+                if self.velocity != 0 && self.error().unsigned_abs() >= lead {
+                    Ok(self.begin_tooth(parts.code, parts.servo))
+                } else {
+                    Ok(parts.servo.open_loop(parts.code))
+                }
+            }
+            Phase::Settling => {
+                let code = parts.servo.open_loop(parts.code);
+                self.waited = self.waited.saturating_add(1);
+                if self.waited < self.parameters.settle_ticks {
+                    Ok(code)
+                } else if self.error().unsigned_abs()
+                    > self.parameters.reach.to_bits().unsigned_abs()
+                {
+                    Ok(self.begin_tooth(code, parts.servo))
+                } else {
+                    self.begin_fine(parts);
+                    Ok(code)
+                }
+            }
+            Phase::SlowFlank | Phase::FastFlank => self.step_flank(parts.servo),
+            Phase::Fine => self.step_fine(reading, parts),
+        }
     }
 
     fn is_near_end(&self) -> bool {
@@ -441,15 +474,21 @@ impl SteppingTick {
         }
     }
 
-    fn watch_ends(&mut self) {
+    /// Beyond an end and on its way out; the way back is free.
+    fn is_beyond_end(&self) -> bool {
         let p = &self.parameters;
         let zone = p.end_zone.to_bits();
         let above = self.position > p.travel_max.to_bits().saturating_add(zone);
         let below = self.position < p.travel_min.to_bits().saturating_sub(zone);
-        // The way back is free.
         let outwards = (above && self.error() >= 0) || (below && self.error() <= 0);
-        if outwards && !matches!(self.phase, Phase::Holding | Phase::Fault) {
-            self.stop(SteppingFault::EndStop);
+        outwards && self.phase != Phase::Holding
+    }
+
+    fn stall(&self) -> Fault {
+        if self.is_near_end() {
+            Fault::EndOfTravel
+        } else {
+            Fault::Stalled
         }
     }
 
@@ -457,39 +496,34 @@ impl SteppingTick {
         if self.velocity == 0 {
             return;
         }
-        let p = &self.parameters;
         // um (24) -> um (16), what is below is carried on.
         const SHIFT: u32 = MICROMETRE_FRACTION_BITS - TRAVEL_FRACTION_BITS;
         let moved = self.velocity.saturating_add(self.below);
         self.below = moved & ((1 << SHIFT) - 1);
         let wanted = self.target.saturating_add(moved >> SHIFT);
-        let slack = p.reach.to_bits().saturating_mul(2);
-        let target = wanted
+        let slack = self.parameters.reach.to_bits().saturating_mul(2);
+        self.target = wanted
             .max(self.position.saturating_sub(slack))
             .min(self.position.saturating_add(slack));
-        if target != wanted {
+        if self.target != wanted {
             self.counters.held_back_ticks = self.counters.held_back_ticks.saturating_add(1);
         }
-        let ends = p.travel_min.to_bits()..=p.travel_max.to_bits();
-        if ends.contains(&target) {
-            self.target = target;
+        let is_there = if self.velocity > 0 {
+            self.target >= self.goal
         } else {
-            self.velocity = 0;
+            self.target <= self.goal
+        };
+        if is_there {
+            (self.target, self.velocity) = (self.goal, 0);
+            if self.phase == Phase::Holding {
+                self.rest_before_deciding();
+            }
         }
     }
 
     fn rest_before_deciding(&mut self) {
         self.phase = Phase::Settling;
         self.waited = 0;
-    }
-
-    /// Coarse or fine, from rest.
-    fn decide(&mut self) {
-        if self.error().unsigned_abs() > self.parameters.reach.to_bits().unsigned_abs() {
-            self.begin_tooth();
-        } else {
-            self.begin_fine();
-        }
     }
 
     fn ends(&self) -> [DriveCode; 2] {
@@ -506,34 +540,35 @@ impl SteppingTick {
     }
 
     /// A tooth towards the target: its first code comes with the next tick.
-    fn begin_tooth(&mut self) {
+    #[inline(never)]
+    fn begin_tooth(&mut self, code: DriveCode, servo: &mut ServoTick) -> DriveCode {
         self.forward = self.error() >= 0;
         let [from, aim] = self.ends();
         let p = &self.parameters;
-        self.whole = self.code == from;
+        self.whole = code == from;
         self.tooth_from = self.position;
-        self.flank = Flank::new(self.code, aim, self.span(), p.slow_ticks, p.curvature);
+        self.flank = Flank::new(code, aim, self.span(), p.slow_ticks, p.curvature);
         self.counters.teeth = self.counters.teeth.saturating_add(1);
         self.phase = Phase::SlowFlank;
-        self.apply(self.code);
+        servo.open_loop(code)
     }
 
-    fn step_flank(&mut self) {
-        let wanted = self.flank.next_code();
-        self.apply(wanted);
-        if !self.flank.has_ended(self.code) {
-            return;
+    fn step_flank(&mut self, servo: &mut ServoTick) -> Result<DriveCode, Fault> {
+        let code = servo.open_loop(self.flank.next_code());
+        if !self.flank.has_ended(code) {
+            return Ok(code);
         }
         if self.phase == Phase::SlowFlank {
             let [aim, _] = self.ends();
-            self.flank = Flank::new(self.code, aim, self.span(), self.parameters.fast_ticks, 0);
+            self.flank = Flank::new(code, aim, self.span(), self.parameters.fast_ticks, 0);
             self.phase = Phase::FastFlank;
+            Ok(code)
         } else {
-            self.end_tooth();
+            self.end_tooth(code, servo)
         }
     }
 
-    fn end_tooth(&mut self) {
+    fn end_tooth(&mut self, code: DriveCode, servo: &mut ServoTick) -> Result<DriveCode, Fault> {
         let sign = if self.forward { 1 } else { -1 };
         let gone = self
             .position
@@ -545,29 +580,23 @@ impl SteppingTick {
             self.short_teeth = 0;
         }
         if self.short_teeth >= self.parameters.stall_teeth {
-            let at_end = self.is_near_end();
-            self.stop(if at_end {
-                SteppingFault::EndStop
-            } else {
-                SteppingFault::Stalled
-            });
-            return;
+            return Err(self.stall());
         }
         if self.velocity != 0 {
             self.phase = Phase::Holding;
         } else if self.error().saturating_mul(sign) > self.parameters.reach.to_bits() {
-            self.begin_tooth();
+            return Ok(self.begin_tooth(code, servo));
         } else {
             self.rest_before_deciding();
         }
+        Ok(code)
     }
 
     /// Lets the law take over from position and drive as they stand.
-    fn begin_fine(&mut self) {
-        let target_count = self.count_at(self.target);
-        let here = EncoderCount(self.count_at(self.position));
-        self.look_about(target_count, here);
-        self.guard.begin_loop();
+    fn begin_fine(&mut self, parts: Loop<'_>) {
+        self.look_about(self.count_at(self.target), self.count, parts.guard);
+        parts.guard.begin_loop();
+        parts.swing.begin(parts.code);
         let from = Micrometres::from_bits(
             self.error()
                 .saturating_neg()
@@ -581,29 +610,24 @@ impl SteppingTick {
             },
             from,
         );
-        self.servo.enable();
+        parts.servo.enable();
         (self.at_limit, self.arrived_for) = (0, 0);
-        self.limited_before = self.servo.counters().limited_ticks;
+        self.limited_before = parts.servo.counters().limited_ticks;
         self.phase = Phase::Fine;
     }
 
-    fn step_fine(&mut self) {
-        let ahead = self.reference.next_value();
-        let wanted = self.servo.tick(self.window_code, ahead);
-        let (code, changed) = self.limit.pass(wanted);
-        self.code = code;
-        if changed {
-            self.counters.limited_codes = self.counters.limited_codes.saturating_add(1);
-            self.stop(SteppingFault::Guard(Fault::BeyondEnvelope));
-            return;
-        }
-        let error = self
-            .servo
-            .reference()
-            .saturating_sub(self.servo.sensed())
-            .to_bits();
-        let slewing = self.servo.slewing();
-        let limited = self.servo.counters().limited_ticks;
+    fn step_fine(&mut self, reading: SensorCode, parts: Loop<'_>) -> Result<DriveCode, Fault> {
+        let Loop {
+            servo,
+            guard,
+            swing,
+            ..
+        } = parts;
+        let code = servo.tick(reading, self.reference.next_value());
+        let reference = servo.reference();
+        let error = reference.saturating_sub(servo.sensed()).to_bits();
+        let slewing = servo.slewing();
+        let limited = servo.counters().limited_ticks;
         let is_limited = limited != self.limited_before;
         self.limited_before = limited;
         self.at_limit = if is_limited {
@@ -620,18 +644,20 @@ impl SteppingTick {
         };
         if self.at_limit > p.settle_ticks.saturating_add(p.fine_ticks) && !near {
             self.teeth_for_reach = self.teeth_for_reach.saturating_add(1);
-            if self.teeth_for_reach > p.stall_teeth {
-                let at_end = self.is_near_end();
-                self.stop(if at_end {
-                    SteppingFault::EndStop
-                } else {
-                    SteppingFault::Stalled
-                });
+            return if self.teeth_for_reach > p.stall_teeth {
+                Err(self.stall())
             } else {
-                self.begin_tooth();
-            }
-        } else if let Some(fault) = self.guard.inspect_loop(error, slewing) {
-            self.stop(SteppingFault::Guard(fault));
+                Ok(self.begin_tooth(code, servo))
+            };
+        }
+        let fault = guard
+            .inspect_loop(error, slewing)
+            .or_else(|| swing.inspect(code, reference.to_bits()));
+        match fault {
+            None => Ok(code),
+            // What does not follow here stands at the end.
+            Some(Fault::TrackingError) if self.is_near_end() => Err(Fault::EndOfTravel),
+            Some(fault) => Err(fault),
         }
     }
 
@@ -647,16 +673,10 @@ impl SteppingTick {
         Travel::from_bits(self.target)
     }
 
-    /// What the drive does.
+    /// What the drive does while the loop is closed.
     #[must_use]
     pub fn phase(&self) -> Phase {
         self.phase
-    }
-
-    /// What stopped it.
-    #[must_use]
-    pub fn fault(&self) -> Option<SteppingFault> {
-        self.fault
     }
 
     /// Whether the slider stands at its target.
@@ -670,32 +690,17 @@ impl SteppingTick {
     pub fn counters(&self) -> SteppingCounters {
         self.counters
     }
-
-    /// The fine law.
-    #[must_use]
-    pub fn servo(&self) -> &ServoTick {
-        &self.servo
-    }
-
-    /// The last tick for a trace: phase and fault are the flags.
-    #[must_use]
-    pub fn trace_sample(&self) -> TraceSample {
-        let fault = self.fault.map_or(0, SteppingFault::number);
-        TraceSample {
-            tick: self.tick,
-            adc_code: self.window_code,
-            dac_code: self.code,
-            reference: self.servo.reference().to_bits(),
-            applied: self.servo.applied().to_bits(),
-            unknown_input: self.servo.unknown_input(),
-            flags: u16::from(self.phase as u8) | (u16::from(fault) << 8),
-        }
-    }
 }
 
 /// What of the parameters contradicts the servo's, or itself.
-fn verify(servo: &ServoParameters, p: &SteppingParameters) -> Result<(), &'static str> {
+///
+/// # Errors
+/// That.
+pub fn verify(servo: &ServoParameters, p: &SteppingParameters) -> Result<(), &'static str> {
     let c = &servo.converters;
+    if servo.learning.is_some() || servo.adaptation.is_some() {
+        return Err("a stick-slip drive learns neither a correction nor its gain");
+    }
     if !(c.dac_code_min <= p.low && p.low < p.high && p.high <= c.dac_code_max) {
         return Err(
             "ends of the teeth; expected two codes within the drive's limits, the lower first",
@@ -735,11 +740,14 @@ fn verify(servo: &ServoParameters, p: &SteppingParameters) -> Result<(), &'stati
     Ok(())
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "stepping"))]
 mod tests {
     extern crate std;
     use super::*;
+    use crate::amplifier::{Amplifier, Command, Mode};
+    use crate::guard::GuardParameters;
     use crate::parameter_block::tests::example;
+    use crate::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -749,13 +757,6 @@ mod tests {
 
     fn um(um: f64) -> Travel {
         Travel::saturating_from_num(um)
-    }
-
-    fn servo() -> ServoParameters {
-        let mut servo = example().servo;
-        servo.converters.adc_step = STEP;
-        servo.converters.adc_zero = -((STEP << 15) >> 16) as i32;
-        servo
     }
 
     /// Teeth of 40 V, 5.7 um of the actuator's 1/7 um per V.
@@ -781,19 +782,21 @@ mod tests {
         }
     }
 
-    fn guard() -> GuardParameters {
-        GuardParameters {
+    fn block(stepping: SteppingParameters) -> AmplifierParameters {
+        let mut block = example();
+        let c = &mut block.servo.converters;
+        (c.adc_step, c.adc_zero) = (STEP, -((STEP << 15) >> 16) as i32);
+        block.physical.sensor_span_nm = 65_536;
+        block.guard = GuardParameters {
             stuck_ticks: 0,
+            jump_codes: 7000,
             tracking_ticks: 2000,
             tracking_error: 20 << 24,
-            ..example().guard
-        }
-    }
-
-    fn drive_at(count: i32, stepping: SteppingParameters) -> SteppingTick {
-        let servo = servo();
-        let limit = OutputLimit::of_converters(&servo.converters, guard().rest_code);
-        SteppingTick::new(servo, guard(), limit, stepping, EncoderCount(count)).unwrap()
+            healthy_ticks: 20,
+            ..block.guard
+        };
+        block.stepping = IfStepping::new(stepping);
+        block
     }
 
     /// A slider that follows its platform up to a speed, and stands still beyond; ends that it cannot pass.
@@ -805,17 +808,10 @@ mod tests {
     }
 
     impl Rig {
-        fn at(slider_um: f64, tick: &SteppingTick) -> Self {
-            Self {
-                slider_um,
-                code: tick.code,
-                grips: true,
-                ends_um: [-1e9, 1e9],
-            }
-        }
-
-        fn count(&self) -> EncoderCount {
-            EncoderCount((self.slider_um / NM).round() as i32)
+        /// The count at the beginning is far from zero, and the reading near its end.
+        fn reading(&self) -> SensorCode {
+            let count = (self.slider_um / NM).round() as i64 - 40_000_003;
+            SensorCode::new(count.rem_euclid(1 << ENCODER_BITS) as u32)
         }
 
         fn advance(&mut self, code: DriveCode) {
@@ -829,14 +825,53 @@ mod tests {
         }
     }
 
-    fn run(tick: &mut SteppingTick, rig: &mut Rig, ticks: usize) -> Vec<DriveCode> {
+    /// A drive whose loop is closed, at position 0.
+    fn drive(stepping: SteppingParameters) -> (Amplifier, Rig) {
+        drive_of(block(stepping))
+    }
+
+    fn drive_of(block: AmplifierParameters) -> (Amplifier, Rig) {
+        let mut amplifier = Amplifier::new(block);
+        let mut rig = Rig {
+            slider_um: 0.0,
+            code: block.guard.rest_code,
+            grips: true,
+            ends_um: [-1e9, 1e9],
+        };
+        run(&mut amplifier, &mut rig, 1);
+        closes(&mut amplifier);
+        (amplifier, rig)
+    }
+
+    fn closes(amplifier: &mut Amplifier) {
+        for command in [
+            Command::Arm { tested: false },
+            Command::RequireConditioning(false),
+            Command::Enable,
+        ] {
+            assert_eq!(amplifier.command(command), Ok(()));
+        }
+    }
+
+    fn go(amplifier: &mut Amplifier, target_um: f64, um_a_tick: f64) -> Result<(), Refusal> {
+        amplifier.command(Command::MoveTo {
+            target: um(target_um),
+            velocity: Micrometres::from_num(um_a_tick),
+        })
+    }
+
+    fn run(amplifier: &mut Amplifier, rig: &mut Rig, ticks: usize) -> Vec<DriveCode> {
         (0..ticks)
             .map(|_| {
-                let code = tick.tick(Some(rig.count()));
+                let code = amplifier.tick(Some(rig.reading()), false).dac_code;
                 rig.advance(code);
                 code
             })
             .collect()
+    }
+
+    fn stepper(amplifier: &Amplifier) -> &Stepper {
+        amplifier.stepper().unwrap()
     }
 
     #[test]
@@ -848,133 +883,179 @@ mod tests {
             (-400.0, 777.7),
             (1.0, 0.0),
         ] {
-            let mut tick = drive_at((from / NM) as i32, stepping());
-            let mut rig = Rig::at(from, &tick);
-            tick.move_to(um(to)).unwrap();
-            run(&mut tick, &mut rig, 60_000);
-            let why = (tick.phase(), tick.fault(), tick.counters(), rig.slider_um);
-            assert!(
-                tick.has_arrived() && tick.fault().is_none(),
-                "{from} to {to}: {why:?}"
-            );
-            assert!((rig.slider_um - to).abs() < 0.02, "{from} to {to}: {why:?}");
-            assert_eq!(tick.counters().saturated_values, 0);
+            let (mut amplifier, mut rig) = drive(stepping());
+            for target in [from, to] {
+                go(&mut amplifier, target, 0.0).unwrap();
+                run(&mut amplifier, &mut rig, 60_000);
+                let stepper = stepper(&amplifier);
+                let why = (stepper.phase(), amplifier.fault(), stepper.counters());
+                assert!(
+                    stepper.has_arrived() && amplifier.fault().is_none(),
+                    "{from} to {to}: {why:?}"
+                );
+                let error = rig.slider_um - target;
+                assert!(error.abs() < 0.02, "{from} to {to}: {error} {why:?}");
+                assert_eq!(stepper.counters().saturated_values, 0);
+            }
         }
     }
 
     #[test]
     fn no_change_of_phase_moves_the_drive() {
-        let mut tick = drive_at(0, stepping());
-        let mut rig = Rig::at(0.0, &tick);
-        tick.move_to(um(60.0)).unwrap();
-        let (mut phase, mut code) = (tick.phase(), tick.code);
+        let (mut amplifier, mut rig) = drive(stepping());
+        go(&mut amplifier, 60.0, 0.0).unwrap();
+        let (mut phase, mut code) = (stepper(&amplifier).phase(), rig.code);
         let mut changes = 0;
         let slowest = 400;
         for _ in 0..20_000 {
-            let next = tick.tick(Some(rig.count()));
-            rig.advance(next);
-            if tick.phase() != phase && tick.phase() == Phase::Fine {
-                changes += 1;
-            }
-            if phase != Phase::FastFlank && tick.phase() != Phase::FastFlank {
+            let next = run(&mut amplifier, &mut rig, 1)[0];
+            let now = stepper(&amplifier).phase();
+            changes += usize::from(now != phase && now == Phase::Fine);
+            if phase != Phase::FastFlank && now != Phase::FastFlank {
                 let moved = next.abs_diff(code);
-                assert!(
-                    moved < slowest,
-                    "{phase:?} to {:?}: {moved} codes",
-                    tick.phase()
-                );
+                assert!(moved < slowest, "{phase:?} to {now:?}: {moved} codes");
             }
-            (phase, code) = (tick.phase(), next);
+            (phase, code) = (now, next);
         }
-        assert!(changes > 0 && tick.has_arrived());
+        assert!(changes > 0 && stepper(&amplifier).has_arrived());
     }
 
     #[test]
     fn a_slider_that_does_not_move_is_a_stall() {
-        let mut tick = drive_at(0, stepping());
-        let mut rig = Rig::at(0.0, &tick);
+        let (mut amplifier, mut rig) = drive(stepping());
         rig.grips = false;
-        tick.move_to(um(500.0)).unwrap();
-        let codes = run(&mut tick, &mut rig, 20_000);
-        assert_eq!(tick.fault(), Some(SteppingFault::Stalled));
-        assert_eq!(codes.last(), Some(&guard().rest_code));
-        assert_eq!(tick.move_to(um(0.0)), Err(Refusal::Fault));
-        assert!(tick.clear_fault() && tick.move_to(um(0.0)).is_ok());
+        go(&mut amplifier, 500.0, 0.0).unwrap();
+        let codes = run(&mut amplifier, &mut rig, 20_000);
+        assert_eq!(amplifier.fault(), Some(Fault::Stalled));
+        assert_eq!(codes.last(), Some(&block(stepping()).guard.rest_code));
+        assert_eq!(go(&mut amplifier, 0.0, 0.0), Err(Refusal::Faulted));
+        assert_eq!(amplifier.command(Command::Clear), Ok(()));
+        closes(&mut amplifier);
+        assert_eq!(go(&mut amplifier, 0.0, 0.0), Ok(()));
     }
 
     #[test]
     fn an_end_of_the_travel_has_its_name() {
-        let mut tick = drive_at(2_900_000, stepping());
-        let mut rig = Rig::at(2900.0, &tick);
-        assert_eq!(tick.move_to(um(3000.1)), Err(Refusal::BeyondTravel));
-        rig.ends_um[1] = 2985.0;
-        tick.move_to(um(3000.0)).unwrap();
-        run(&mut tick, &mut rig, 40_000);
-        assert_eq!(
-            tick.fault(),
-            Some(SteppingFault::EndStop),
-            "{}",
-            rig.slider_um
-        );
+        // Beyond the reach of fine motion, and within it.
+        for (stop_um, tracking_error) in [(85.0, 20 << 24), (97.0, 20 << 24), (97.0, 1 << 24)] {
+            let mut block = block(SteppingParameters {
+                travel_max: um(100.0),
+                ..stepping()
+            });
+            block.guard.tracking_error = tracking_error;
+            let (mut amplifier, mut rig) = drive_of(block);
+            let beyond = go(&mut amplifier, 100.1, 0.0);
+            assert_eq!(beyond, Err(Refusal::BeyondLimits));
+            rig.ends_um[1] = stop_um;
+            go(&mut amplifier, 100.0, 0.0).unwrap();
+            run(&mut amplifier, &mut rig, 40_000);
+            assert_eq!(amplifier.fault(), Some(Fault::EndOfTravel), "{stop_um}");
+        }
     }
 
     #[test]
     fn a_silent_encoder_stops_the_drive() {
-        let mut tick = drive_at(0, stepping());
-        let mut rig = Rig::at(0.0, &tick);
-        tick.move_to(um(500.0)).unwrap();
-        run(&mut tick, &mut rig, 500);
-        (0..2000).for_each(|_| {
-            tick.tick(None);
-        });
-        assert_eq!(
-            tick.fault(),
-            Some(SteppingFault::Guard(Fault::SensorSilent))
-        );
-        assert_eq!(tick.trace_sample().dac_code, guard().rest_code);
-        assert!(!tick.clear_fault(), "the sensor is not healthy yet");
+        let (mut amplifier, mut rig) = drive(stepping());
+        go(&mut amplifier, 500.0, 0.0).unwrap();
+        run(&mut amplifier, &mut rig, 500);
+        let rest = block(stepping()).guard.rest_code;
+        let last = (0..2000).map(|_| amplifier.tick(None, false).dac_code);
+        assert_eq!(last.last(), Some(rest));
+        assert_eq!(amplifier.fault(), Some(Fault::SensorSilent));
+        let cleared = amplifier.command(Command::Clear);
+        assert_eq!(cleared, Err(Refusal::NotYetHealthy));
     }
 
     #[test]
-    fn a_moving_target_is_followed_at_its_velocity() {
+    fn a_moving_target_is_followed_at_its_velocity_and_to_its_end() {
         // 0.02 um a tick, 400 um/s at 20 kHz: below the teeth's 1000 um/s.
-        for per_tick in [0.02, -0.011] {
-            let mut tick = drive_at(0, stepping());
-            let mut rig = Rig::at(0.0, &tick);
-            tick.follow(Micrometres::from_num(per_tick)).unwrap();
-            run(&mut tick, &mut rig, 10_000);
-            let lag = rig.slider_um - 10_000.0 * per_tick;
+        for (target, a_tick) in [(220.0, 0.02), (-121.0, 0.011)] {
+            let (mut amplifier, mut rig) = drive(stepping());
+            go(&mut amplifier, target, a_tick).unwrap();
+            run(&mut amplifier, &mut rig, 10_000);
+            let lag = rig.slider_um - 10_000.0 * a_tick * target.signum();
             assert!(lag.abs() < 9.0, "{lag} um behind");
-            assert_eq!(tick.counters().held_back_ticks, 0);
+            run(&mut amplifier, &mut rig, 3_000);
+            assert!(stepper(&amplifier).has_arrived(), "{}", rig.slider_um);
+            assert!((rig.slider_um - target).abs() < 0.02, "{}", rig.slider_um);
+            assert_eq!(stepper(&amplifier).counters().held_back_ticks, 0);
         }
-        let mut tick = drive_at(0, stepping());
-        let mut rig = Rig::at(0.0, &tick);
-        tick.follow(Micrometres::from_num(0.2)).unwrap();
-        run(&mut tick, &mut rig, 5_000);
-        assert!(tick.counters().held_back_ticks > 1000);
+        let (mut amplifier, mut rig) = drive(stepping());
+        go(&mut amplifier, 3000.0, 0.2).unwrap();
+        run(&mut amplifier, &mut rig, 5_000);
+        assert!(stepper(&amplifier).counters().held_back_ticks > 1000);
+    }
+
+    #[test]
+    fn a_conditioning_lets_the_slider_ride_and_makes_its_place_zero() {
+        let (mut amplifier, mut rig) = drive(stepping());
+        go(&mut amplifier, 300.0, 0.0).unwrap();
+        run(&mut amplifier, &mut rig, 20_000);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, &mut rig, 2_000);
+        let cycle = Command::Condition {
+            cycle_ticks: 2_000,
+            rest_ticks: 2_000,
+        };
+        assert_eq!(amplifier.command(cycle), Ok(()));
+        run(&mut amplifier, &mut rig, 4_100);
+        let found = (amplifier.mode(), amplifier.fault(), amplifier.conditioned());
+        assert_eq!(found, (Mode::Rest, None, true));
+        let zero_um = rig.slider_um;
+        assert!(stepper(&amplifier).position().abs() < 0.002);
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        go(&mut amplifier, -50.0, 0.0).unwrap();
+        run(&mut amplifier, &mut rig, 20_000);
+        assert!((rig.slider_um - zero_um + 50.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn a_waveform_is_refused_and_so_is_a_travel_without_a_stepping_drive() {
+        let waveform = Command::Reference {
+            waveform: Waveform::Constant,
+            offset: Micrometres::ZERO,
+        };
+        let (mut amplifier, _) = drive(stepping());
+        assert_eq!(amplifier.command(waveform), Err(Refusal::OtherDrive));
+        let mut other = Amplifier::new(example());
+        assert_eq!(go(&mut other, 1.0, 0.0), Err(Refusal::OtherDrive));
+        assert_eq!(other.command(waveform), Ok(()));
+    }
+
+    #[test]
+    fn a_block_comes_back_as_it_went() {
+        let mut bytes = [0; BLOCK_BYTES];
+        let block = block(stepping());
+        write(&block, &mut bytes).unwrap();
+        assert_eq!(read(&bytes, 20_000), Ok(block));
+        assert_eq!(block.reading_bits(), ENCODER_BITS);
+        let mut own = [0; STEPPING_BYTES];
+        let mut writer = Writer::new(&mut own);
+        stepping().write(&mut writer).unwrap();
+        assert_eq!(writer.at(), STEPPING_BYTES);
     }
 
     #[test]
     fn parameters_that_contradict_one_another_are_refused() {
+        let servo = block(stepping()).servo;
         let refused = |change: &dyn Fn(&mut SteppingParameters)| {
             let mut wrong = stepping();
             change(&mut wrong);
-            verify(&servo(), &wrong).unwrap_err()
+            verify(&servo, &wrong).unwrap_err()
         };
         assert!(refused(&|p| p.low = p.high).contains("ends of the teeth"));
         assert!(refused(&|p| p.encoder_step += 1).contains("encoder"));
         assert!(refused(&|p| p.reach = um(17.0)).contains("reach"));
         assert!(refused(&|p| p.curvature = 0x8001).contains("curvature"));
         assert!(refused(&|p| p.travel_min = um(3001.0)).contains("travel"));
-        let mut aside = servo();
+        let mut aside = servo;
         aside.converters.adc_zero += 1 << 20;
         assert!(verify(&aside, &stepping()).unwrap_err().contains("window"));
     }
 
     #[test]
     fn it_takes_little_memory_beside_its_servo() {
-        let own = size_of::<SteppingTick>() - size_of::<ServoTick>();
-        assert!(own < 512, "{own} bytes");
+        assert!(size_of::<Stepper>() < 320, "{} bytes", size_of::<Stepper>());
     }
 
     proptest! {
@@ -986,23 +1067,29 @@ mod tests {
         ) {
             let mut parameters = stepping();
             (parameters.slow_ticks, parameters.fast_ticks) = (slow, fast);
-            let mut tick = drive_at(0, parameters);
-            let c = servo().converters;
-            let mut before = tick.code;
+            let (mut amplifier, rig) = drive(parameters);
+            let c = amplifier.parameters().servo.converters;
+            let mut before = rig.code;
             let mut count = 0i32;
             for (value, kind, ticks) in orders {
+                let travel = |target: Travel, velocity| Command::MoveTo { target, velocity };
                 match kind {
-                    0 => { let _ = tick.move_to(Travel::from_bits(value)); }
-                    1 => { let _ = tick.follow(Micrometres::from_bits(value)); }
-                    2 => { let _ = tick.move_to(um(f64::from(value % 3000))); }
-                    3 => { tick.clear_fault(); }
+                    0 => { let _ = amplifier.command(travel(Travel::from_bits(value), Micrometres::ZERO)); }
+                    1 => { let _ = amplifier.command(travel(um(f64::from(value.signum()) * 3000.0), Micrometres::from_bits(value))); }
+                    2 => { let _ = amplifier.command(travel(um(f64::from(value % 3000)), Micrometres::ZERO)); }
+                    3 => {
+                        for command in [Command::Clear, Command::Arm { tested: false }, Command::Enable] {
+                            let _ = amplifier.command(command);
+                        }
+                    }
                     4 => count = value,
                     _ => {}
                 }
                 for nth in 0..ticks {
                     count = count.wrapping_add(value % 50);
-                    let reading = (kind != 5 || nth % 64 != 0).then_some(EncoderCount(count));
-                    let code = tick.tick(reading);
+                    let reading = (kind != 5 || nth % 64 != 0)
+                        .then_some(SensorCode::new(count as u32 & ((1 << ENCODER_BITS) - 1)));
+                    let code = amplifier.tick(reading, false).dac_code;
                     prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&code));
                     prop_assert!(code.abs_diff(before) <= c.slew_codes);
                     before = code;

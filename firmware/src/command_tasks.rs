@@ -127,6 +127,7 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         }
         Refusal::BeyondLimits => "beyond the limits",
         Refusal::NoInput => "no analogue set point is wired",
+        Refusal::OtherDrive => "the block in use is for another kind of drive",
     }
 }
 

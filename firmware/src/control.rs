@@ -23,6 +23,7 @@ use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::sensor_linearisation::SensorLinearisation;
 use hysteron_core::set_point::InputState;
+use hysteron_core::stepping::IfStepping;
 use hysteron_core::trace_frame::PackedSample;
 
 use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ, TEMPERATURES_ARE_READ};
@@ -265,8 +266,10 @@ pub struct State {
     pub adc_code: SensorCode,
     /// What the drive's converter was given.
     pub dac_code: DriveCode,
-    /// um with 24 fraction bits.
+    /// um with 24 fraction bits; of a stick-slip drive the target, with 16.
     pub reference: i32,
+    /// Position of a stick-slip drive, um with 16 fraction bits.
+    pub travel: IfStepping<i32>,
     /// Position at the sensor's code 0, um with 24 fraction bits.
     pub adc_zero: i32,
     /// A conditioning has found it.
@@ -297,6 +300,7 @@ impl State {
         adc_code: SensorCode::new(0),
         dac_code: DriveCode::new(0),
         reference: 0,
+        travel: IfStepping::NONE,
         adc_zero: 0,
         zeroed: false,
         conditioned: false,
@@ -648,6 +652,10 @@ pub fn on_interrupt() {
         adc_code: sample.adc_code,
         dac_code: sample.dac_code,
         reference: sample.reference,
+        travel: match amplifier.stepper() {
+            None => IfStepping::NONE,
+            Some(stepper) => IfStepping::new(stepper.position().to_bits()),
+        },
         adc_zero: amplifier.servo().parameters().converters.adc_zero,
         zeroed: amplifier.zeroed(),
         conditioned: amplifier.conditioned(),

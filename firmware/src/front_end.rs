@@ -5,8 +5,8 @@
 //! converters themselves. A drive's converter with more is given the rest as zeros.
 
 use hysteron_core::codes::{DriveCode, SensorCode};
+use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::safety_envelope::SafetyEnvelope;
-use hysteron_core::servo_parameters::ConverterParameters;
 
 /// Bits of the codes on this side.
 #[derive(Clone, Copy)]
@@ -19,10 +19,10 @@ pub struct CodeBits {
 
 impl CodeBits {
     /// Those of a block.
-    pub const fn of(converters: &ConverterParameters) -> Self {
+    pub fn of(parameters: &AmplifierParameters) -> Self {
         Self {
-            adc: converters.adc_bits,
-            dac: converters.dac_bits,
+            adc: parameters.reading_bits(),
+            dac: parameters.servo.converters.dac_bits,
         }
     }
 }

@@ -119,7 +119,7 @@ async fn main(spawner: Spawner) {
     option_bytes::say();
     safety_lines::start();
     lights::start();
-    let bits = CodeBits::of(c);
+    let bits = CodeBits::of(&parameters);
     let mut front_end =
         Converters::new(bits, envelope.as_ref().map(Wiring::of).unwrap_or_default());
     // Until somebody has said which code is rest the drive's converter stays as it left its reset.

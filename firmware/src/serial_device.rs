@@ -45,6 +45,7 @@ impl Device for Target {
             set_point_code: control::set_point_code(),
             input: control::input_state(),
             reference: state.reference,
+            travel: state.travel.get().copied(),
             adc_zero: state.adc_zero,
             zeroed: state.zeroed,
             conditioned: state.conditioned,

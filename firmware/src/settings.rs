@@ -33,6 +33,7 @@ use hysteron_core::parameter_block::{
 };
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_core::signal_filter::{FilteredSignal, Place};
+use hysteron_core::stepping::IfStepping;
 use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::Brought;
 
@@ -107,7 +108,7 @@ fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
 /// safety envelope.
 fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let parameters = read(bytes, sample_rate_hz)?;
-    if !Converters::has(CodeBits::of(&parameters.servo.converters)) {
+    if !Converters::has(CodeBits::of(&parameters)) {
         return Err(BlockError::Mismatch);
     }
     let envelope = envelope().ok_or(BlockError::NoEnvelope)?;
@@ -600,5 +601,6 @@ pub fn safe_parameters(
             healthy_ticks: (sample_rate_hz / 10) as u16,
         },
         loop_bands: LoopBands::OPEN,
+        stepping: IfStepping::NONE,
     }
 }

@@ -14,7 +14,10 @@ use hysteron_core::guard::GuardParameters;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
-use hysteron_core::signal::{Micrometres, Quantity, Volts};
+use hysteron_core::signal::{
+    MICROMETRE_FRACTION_BITS, Micrometres, Quantity, TRAVEL_FRACTION_BITS, Volts,
+};
+use hysteron_core::stepping::IfStepping;
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::board::SAMPLE_RATE_HZ;
@@ -24,6 +27,8 @@ use crate::control;
 struct Telemetry {
     converters: Option<ConverterParameters>,
     tolerance: i32,
+    /// There, where samples are those of a stick-slip drive.
+    travels: IfStepping<()>,
     on_target_ticks: u32,
     guard: Option<GuardParameters>,
     drive_limits: (Volts, Volts),
@@ -34,6 +39,7 @@ struct Telemetry {
 static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::new(Telemetry {
     converters: None,
     tolerance: 0,
+    travels: IfStepping::NONE,
     on_target_ticks: 0,
     guard: None,
     drive_limits: (Volts::ZERO, Volts::ZERO),
@@ -58,6 +64,9 @@ pub fn begin(parameters: &AmplifierParameters) {
         telemetry.converters = Some(parameters.servo.converters);
         telemetry.guard = Some(parameters.guard);
         telemetry.drive_limits = command_limits::drives(parameters);
+        if parameters.stepping.get().is_some() {
+            telemetry.travels = IfStepping::new(());
+        }
     });
 }
 
@@ -93,7 +102,7 @@ pub fn railed_and_limited_ticks() -> (u32, u32) {
     (telemetry.railed_ticks, telemetry.limited_ticks)
 }
 
-/// From now on a tracking error up to this is small, um with 24 fraction bits.
+/// From now on a tracking error up to this is small, um with 24 fraction bits, or 16 of a stick-slip drive.
 pub fn set_tolerance(tolerance: i32) {
     change(|telemetry| (telemetry.tolerance, telemetry.on_target_ticks) = (tolerance, 0));
 }
@@ -117,16 +126,25 @@ pub fn observe(sample: &TraceSample) {
             adc_zero: control::zero(),
             ..converters
         };
-        let error = sample
-            .reference
-            .saturating_sub(converters.position(sample.adc_code));
+        let (error, error_24) = match telemetry.travels.get() {
+            None => {
+                let position = converters.position(sample.adc_code);
+                let error = sample.reference.saturating_sub(position);
+                (error, error)
+            }
+            Some(()) => {
+                let error = sample.reference.saturating_sub(sample.applied);
+                let more = MICROMETRE_FRACTION_BITS - TRAVEL_FRACTION_BITS;
+                (error, error.saturating_mul(1 << more))
+            }
+        };
         let small = mode == Mode::Closed && error.saturating_abs() <= telemetry.tolerance;
         telemetry.on_target_ticks = if small {
             telemetry.on_target_ticks.saturating_add(1)
         } else {
             0
         };
-        measure(sample, error, converters.drive(sample.dac_code));
+        measure(sample, error_24, converters.drive(sample.dac_code));
     });
 }
 

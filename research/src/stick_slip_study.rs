@@ -2,7 +2,6 @@
 //! other equations, beside saw-teeth without feedback.
 
 use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
-use hysteron_core::codes::EncoderCount;
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::stepping_loop::{MoveFigures, SteppingLoop};
 use hysteron_sim::stick_slip::{StickSlipActuator, StickSlipPlant};
@@ -77,19 +76,18 @@ pub fn rig(equations: Equations, factors: RigFactors, period_s: f64) -> Box<dyn 
 /// The design's loop around a rig.
 ///
 /// # Errors
-/// As [`SteppingDesign::tick`].
+/// As [`SteppingDesign::block`].
 pub fn closed(
     design: &SteppingDesign,
     equations: Equations,
     factors: RigFactors,
     seed: u64,
 ) -> Result<SteppingLoop<Box<dyn Plant>>, String> {
-    let period_s = design.order.period_s;
+    let block = design.block().map_err(|error| error.to_string())?;
+    let rig = rig(equations, factors, design.order.front_end.period_s());
     Ok(SteppingLoop::new(
-        rig(equations, factors, period_s),
-        design.tick(EncoderCount(0))?,
-        design.scale,
-        period_s,
+        rig,
+        &block,
         (design.order.noise_um, seed),
     ))
 }
@@ -117,7 +115,7 @@ pub fn open_loop_error_um(
     factors: RigFactors,
     target_um: f64,
 ) -> f64 {
-    let period_s = design.order.period_s;
+    let period_s = design.order.front_end.period_s();
     let mut plant = rig(equations, factors, period_s);
     let teeth = (target_um / design.tooth.step_um).round() as usize;
     for drive_v in design.tooth.drive_v(period_s, teeth) {
@@ -142,11 +140,16 @@ pub fn followed_um_s(
     velocity_um_s: f64,
 ) -> Result<f64, String> {
     let position_um = closed(design, equations, factors, 12)?
-        .follow(velocity_um_s, 1.0 + AVERAGED_S)
+        .follow(
+            design.order.travel_um[usize::from(velocity_um_s > 0.0)],
+            velocity_um_s,
+            1.0 + AVERAGED_S,
+        )
         .map_err(|refusal| format!("{refusal:?}"))?;
     let (last, from) = (
         position_um.len() - 1,
-        (1.0 / design.order.period_s) as usize,
+        (1.0 / design.order.front_end.period_s()) as usize,
     );
-    Ok((position_um[last] - position_um[from]) / ((last - from) as f64 * design.order.period_s))
+    Ok((position_um[last] - position_um[from])
+        / ((last - from) as f64 * design.order.front_end.period_s()))
 }

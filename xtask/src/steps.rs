@@ -100,6 +100,10 @@ const EMULATED: &[CheckStep] = &[
 pub const OPERATOR: &[CheckStep] = &[
     CheckStep("PIPython in front of the emulated board", pipython::run),
     CheckStep(
+        "PIPython in front of an emulated stick-slip drive",
+        pipython::run_stick_slip,
+    ),
+    CheckStep(
         "from an empty board to a servo: `board tune`, a stage of other equations",
         board_tune::run_independent,
     ),

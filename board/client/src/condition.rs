@@ -125,6 +125,12 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::KeptSettings) => {
             "The settings that were kept cannot be used, and those of a new board are in force: clear (INI), set them and keep them (WPA 100)."
         }
+        Some(Fault::Stalled) => {
+            "The slider does not move with the saw-teeth: look for what jams or loads it, then clear (INI) and arm (ARM 1 1)."
+        }
+        Some(Fault::EndOfTravel) => {
+            "The slider is at an end of its travel: clear (INI), arm (ARM 1 1), close the loop and move it back."
+        }
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }

@@ -19,6 +19,7 @@ use hysteron_sim::bench::{Bench, Variant};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::noise::WhiteNoise;
+use hysteron_sim::stepping_loop::encoder_code;
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 
@@ -93,6 +94,8 @@ pub struct World {
     last_code: SensorCode,
     /// The sensor reads the code that acted in the last period: a wire instead of an actuator.
     pub wire: bool,
+    /// The sensor is an encoder, whose counts have the step of the sensor's codes.
+    pub encoder: bool,
     /// Troubles of the sensor.
     pub troubles: Vec<SensorTrouble>,
     /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its
@@ -175,6 +178,7 @@ impl World {
             edges: 0,
             last_code: SensorCode::default(),
             wire: false,
+            encoder: false,
             troubles: Vec::new(),
             converter_brown_outs: Vec::new(),
             output_trouble: None,
@@ -208,8 +212,12 @@ impl World {
         let honest = if self.wire {
             self.over_the_wire(acted)
         } else {
-            self.scale
-                .adc_code(self.plant.sensor_um() + self.noise.next_um())
+            let reading_um = self.plant.sensor_um() + self.noise.next_um();
+            if self.encoder {
+                encoder_code(reading_um, self.scale.adc_lsb_um)
+            } else {
+                self.scale.adc_code(reading_um)
+            }
         };
         let now = self.edges;
         let trouble = self

@@ -8,7 +8,7 @@ use std::path::Path;
 use crate::board::NucleoBoard;
 use crate::converters::{Witness, World};
 use crate::live_run::run_live;
-use crate::run::{envelope_bytes, envelope_of};
+use crate::run::{envelope_bytes, envelope_of, stick_slip_envelope};
 use crate::serial_line::SharedLine;
 
 use crate::serial_socket;
@@ -62,7 +62,11 @@ pub fn serve_board(
 
     let line = SharedLine::default();
     serial_socket::serve(listener, &line);
-    let envelope = envelope_bytes(&envelope_of(world.scale()));
+    let envelope = envelope_bytes(&if world.encoder {
+        stick_slip_envelope(world.scale())
+    } else {
+        envelope_of(world.scale())
+    });
     let world = world.shared();
     let board = NucleoBoard::with_plant(&world).map_err(|error| error.to_string())?;
     run_live(

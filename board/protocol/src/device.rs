@@ -31,8 +31,10 @@ pub struct View {
     pub set_point_code: Option<u16>,
     /// What the loop has of it.
     pub input: InputState,
-    /// The reference, um with 24 fraction bits.
+    /// The reference, um with 24 fraction bits; of a stick-slip drive the target, with 16.
     pub reference: i32,
+    /// Position of a stick-slip drive along its travel, um with 16 fraction bits.
+    pub travel: Option<i32>,
     /// Position at the sensor's code 0 as it was found last, um with 24 fraction bits.
     pub adc_zero: i32,
     /// Whether the sensor has been zeroed since the start.
@@ -152,7 +154,8 @@ pub trait Device {
     /// The amplifier's state.
     fn view(&self) -> View;
 
-    /// From now on a tracking error up to this is within the tolerance, um with 24 fraction bits.
+    /// From now on a tracking error up to this is within the tolerance, um with 24 fraction bits, or 16 of a
+    /// stick-slip drive.
     fn set_tolerance(&mut self, tolerance: i32);
 
     /// Samples for which the recorder has room.

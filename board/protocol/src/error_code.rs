@@ -9,7 +9,7 @@ use hysteron_core::guard::Fault;
 pub enum ErrorCode {
     /// A parameter is no number or word of its kind.
     Syntax = 1,
-    /// There is no such command.
+    /// There is no such command, or the drive in use has none of this kind: waveforms of a stick-slip drive.
     UnknownCommand = 2,
     /// The line is too long.
     TooLong = 3,
@@ -107,6 +107,7 @@ impl ErrorCode {
             (Refusal::NotTested, _) => Self::NotTested,
             (Refusal::BeyondLimits, _) => Self::Range,
             (Refusal::NoInput, _) => Self::Axis,
+            (Refusal::OtherDrive, _) => Self::UnknownCommand,
         }
     }
 }

@@ -16,7 +16,8 @@
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * Any line may end in its checksum ([`crate::seal`]). A step that is larger than the operator allows
 //!   (`SPA` 0x7F00000B, 0x7F00000C) wants `FAR` behind it.
-//! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
+//! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`. A stick-slip drive follows
+//!   a target of that velocity by teeth, and its positions are those of the travel.
 //! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one
 //!   that is defined with the servo off is one of drives, V, and is played from rest with the servo off, and
 //!   goes to rest when it has ended.
@@ -44,7 +45,7 @@ use hysteron_core::amplifier::{Command, Refusal};
 use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_window::PREVIEW_TICKS;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, TRAVEL_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use crate::data_array::{DataArray, MOST_COLUMNS};
 use crate::decimal::{Decimal, from_fixed, to_fixed};
@@ -221,14 +222,6 @@ pub struct Session<D> {
 
 type Handler<D> = fn(&mut Session<D>, &mut Words<'_>) -> Result<(), ErrorCode>;
 
-/// A number of micrometres as it is written.
-fn micrometres(value: i32) -> Decimal {
-    Decimal {
-        billionths: from_fixed(value, MICROMETRE_FRACTION_BITS),
-        digits: 6,
-    }
-}
-
 /// A number of volts as it is written.
 fn volts(value: i32) -> Decimal {
     Decimal {
@@ -246,8 +239,13 @@ impl<D: Device + 'static> Session<D> {
             MICROMETRE_FRACTION_BITS,
         )
         .unwrap_or(0);
-        // A thousandth of the span, and ten times the span in a second.
-        let tolerance = (span / 1000).max(1);
+        let (span, rate) = (i64::from(span), parameters.physical.sample_rate_hz);
+        let (tolerance, velocity) = match parameters.stepping.get() {
+            // A thousandth of the span, and ten times the span in a second.
+            None => ((span / 1000).max(1) as i32, span * 10),
+            // As fast as the teeth are.
+            Some(stepping) => (stepping.tolerance.to_bits(), span * i64::from(rate)),
+        };
         let mut this = Self {
             device,
             waves,
@@ -258,12 +256,12 @@ impl<D: Device + 'static> Session<D> {
             from: 0,
             drive: 0,
             moving_until: None,
-            velocity: i64::from(span) * 10,
+            velocity,
             tolerance,
             largest_move: 0,
             largest_drive_step: 0,
             // 5 ms
-            settling_ticks: parameters.physical.sample_rate_hz / 200,
+            settling_ticks: rate / 200,
             wave_lengths: [0; WAVE_TABLES],
             wave_quantities: [WaveQuantity::Position; WAVE_TABLES],
             wave_selected: 0,
@@ -286,6 +284,22 @@ impl<D: Device + 'static> Session<D> {
         this.take_kept_settings();
         this.device.set_tolerance(this.tolerance);
         this
+    }
+
+    /// Fraction bits of positions: those along a travel are longer.
+    fn position_bits(&self) -> u32 {
+        match self.parameters.stepping.get() {
+            None => MICROMETRE_FRACTION_BITS,
+            Some(_) => TRAVEL_FRACTION_BITS,
+        }
+    }
+
+    /// A position as it is written, um.
+    fn micrometres(&self, value: i32) -> Decimal {
+        Decimal {
+            billionths: from_fixed(value, self.position_bits()),
+            digits: 6,
+        }
     }
 
     /// Takes a line that has come; `before_stop`: a stop came after it, and it changes nothing any more.

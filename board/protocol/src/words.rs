@@ -1,6 +1,6 @@
 //! The words behind a command's mnemonic, and what they may be.
 
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::VOLT_FRACTION_BITS;
 use hysteron_core::wave_table::POINT_FRACTION_BITS;
 
 use crate::decimal::{billionths, to_fixed};
@@ -98,12 +98,12 @@ impl<'a> Words<'a> {
         billionths(self.word()?).ok_or(ErrorCode::Syntax)
     }
 
-    /// A position, um with 24 fraction bits; `beyond` if it has no room.
+    /// A position, um with so many fraction bits; `beyond` if it has no room.
     ///
     /// # Errors
     /// The word is missing or is no number, or `beyond`.
-    pub fn micrometres(&mut self, beyond: ErrorCode) -> Result<i32, ErrorCode> {
-        to_fixed(self.number()?, MICROMETRE_FRACTION_BITS).ok_or(beyond)
+    pub fn micrometres(&mut self, bits: u32, beyond: ErrorCode) -> Result<i32, ErrorCode> {
+        to_fixed(self.number()?, bits).ok_or(beyond)
     }
 
     /// A drive, V with 22 fraction bits.

@@ -100,6 +100,10 @@ impl Device for Shared {
             set_point_code: rig.set_point_code,
             input: rig.amplifier.input_state(),
             reference: rig.latest.reference,
+            travel: rig
+                .amplifier
+                .stepper()
+                .map(|stepper| stepper.position().to_bits()),
             adc_zero: rig.amplifier.servo().parameters().converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),

@@ -3,8 +3,10 @@
 use crate::arguments::{Outputs, as_typed};
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
+use hysteron::servo::amplifier_block::{FrontEnd, block};
 use hysteron::servo::stepping_contact::{IdentifiedContact, identify_contact, rig_on_platform};
 use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
+use hysteron::servo::stepping_rig;
 use hysteron::stepping::{Measured, SteppingMeasure, SteppingTrain, measure};
 use hysteron::{Dataset, Error, Result};
 use hysteron_report::stepping_page;
@@ -53,6 +55,25 @@ pub struct RigArguments {
     /// Stiffness of the piezo with the platform
     #[arg(long, value_name = "N/UM", requires = "platform")]
     platform_stiffness_n_um: Option<f64>,
+    /// Writes the rig that was identified: `hysteron board emulate --stick-slip` stands in front of it
+    #[arg(long, value_name = "FILE", requires = "platform")]
+    rig: Option<PathBuf>,
+    /// Writes the parameter block of a board that drives it
+    #[arg(long, value_name = "FILE", requires = "platform")]
+    block: Option<PathBuf>,
+    /// How its converters are wired; the sensor's codes are counts of the encoder about zero [default: 1 nm a
+    /// count, -20 to 120 V]
+    #[arg(long, value_name = "FILE", requires = "block")]
+    front_end: Option<PathBuf>,
+    /// Ends of the travel from where the board zeroes it [default: -12000 12000]
+    #[arg(
+        long,
+        value_name = "UM",
+        num_args = 2,
+        allow_negative_numbers = true,
+        requires = "block"
+    )]
+    travel_um: Option<Vec<f64>>,
 }
 
 /// What `stepping --json` carries.
@@ -100,16 +121,34 @@ fn contact(
         1e3 * found.residual_um
     );
     known.friction = found.friction;
-    match SteppingDesign::new(&known, &SteppingOrder::default()) {
-        Ok(design) => println!(
-            "  fastest saw-teeth of {:.0} to {:.0} V at 100 V/ms: slow flank {:.1} ms with curvature {}, {:.2} um a step, {:.0} um/s",
-            design.tooth.ends_v[0],
-            design.tooth.ends_v[1],
-            1e3 * design.tooth.slow_s,
-            design.tooth.curvature,
-            design.tooth.step_um,
-            design.tooth.velocity_um_s()
-        ),
+    if let Some(path) = &rig.rig {
+        desk.write(path, stepping_rig::to_toml(&known)?.as_bytes())?;
+    }
+    let mut order = SteppingOrder::default();
+    if let Some(path) = &rig.front_end {
+        let text = desk.text(path, "the wiring of converters")?;
+        order.front_end = FrontEnd::from_toml(&text, &path.display().to_string())?;
+    }
+    if let Some([low, high]) = rig.travel_um.as_deref() {
+        order.travel_um = [*low, *high];
+    }
+    match SteppingDesign::new(&known, &order) {
+        Ok(design) => {
+            println!(
+                "  fastest saw-teeth of {:.0} to {:.0} V at {:.0} V/ms: slow flank {:.1} ms with curvature {}, {:.2} um a step, {:.0} um/s",
+                design.tooth.ends_v[0],
+                design.tooth.ends_v[1],
+                1e-3 * order.front_end.slew_v_s,
+                1e3 * design.tooth.slow_s,
+                design.tooth.curvature,
+                design.tooth.step_um,
+                design.tooth.velocity_um_s()
+            );
+            if let Some(path) = &rig.block {
+                desk.write(path, &block(&design.block()?)?)?;
+            }
+        }
+        Err(reason) if rig.block.is_some() => return Err(Error::new("stepping servo", reason)),
         Err(reason) => println!("  no stepping servo: {reason}"),
     }
     Ok(Some(found))
@@ -125,6 +164,8 @@ pub fn stepping(
     let desk = Desk::new(outputs.force);
     let dataset = desk.dataset(path, reading)?;
     outputs.check(&desk)?;
+    desk.target(rig.rig.as_deref())?;
+    desk.target(rig.block.as_deref())?;
     let found = measure(&dataset)?;
     let noise = found.noise_um.map_or_else(
         || "no rest shows the sensor's noise, so the scatter holds it".to_owned(),

@@ -20,6 +20,7 @@ mod record;
 mod sampling_rate;
 mod serial_port;
 mod sliding_mode;
+mod stick_slip;
 mod straight_sensor;
 mod swap;
 mod telemetry;

@@ -4,7 +4,7 @@
 use crate::common;
 use crate::output_path::{amplifier_with_filters, kept_filters};
 
-use common::{block, host_run_of, image_named, lines, number, samples, texts};
+use common::{assert_same_codes, block, host_run_of, image_named, lines, number, samples, texts};
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::trace_frame::TraceSample;
@@ -146,20 +146,7 @@ fn loop_at(rate: Rate, equipment: Equipment, ticks: u32) -> Vec<TraceSample> {
 
     let (host, twin) = on_the_host(rate, equipment, ticks);
     let world = world.lock().expect("the world");
-    let differs = world
-        .codes
-        .iter()
-        .zip(&twin.codes)
-        .position(|(ours, theirs)| ours != theirs);
-    assert!(world.codes.len() >= twin.codes.len() && twin.codes.len() == ticks as usize);
-    if let Some(at) = differs {
-        let around = at.saturating_sub(3)..(at + 4).min(ticks as usize);
-        panic!(
-            "image and host differ at edge {at}: {:?}, {:?}",
-            &world.codes[around.clone()],
-            &twin.codes[around]
-        );
-    }
+    assert_same_codes(&world.codes, &twin.codes);
     let status = outcome
         .texts_with("status")
         .last()

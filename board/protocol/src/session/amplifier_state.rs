@@ -18,7 +18,8 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn position_now(&self, view: &View) -> i32 {
-        self.converters(view).position(view.adc_code)
+        view.travel
+            .unwrap_or_else(|| self.converters(view).position(view.adc_code))
     }
 
     /// The reference now. The sample that is known may be from before the last command, hence not beyond the
@@ -27,13 +28,19 @@ impl<D: Device + 'static> Session<D> {
         if self.runs() {
             return view.reference;
         }
+        if let Some(position) = view.travel {
+            return position;
+        }
         view.reference
             .max(self.from.min(self.target))
             .min(self.from.max(self.target))
     }
 
-    /// The lowest and highest position that the sensor can honestly give, um with 24 fraction bits.
+    /// The lowest and highest position that the sensor can honestly give, or those of the travel.
     pub(super) fn range(&self, view: &View) -> (i32, i32) {
+        if let Some(stepping) = self.parameters.stepping.get() {
+            return (stepping.travel_min.to_bits(), stepping.travel_max.to_bits());
+        }
         let (c, guard) = (self.converters(view), &self.parameters.guard);
         (
             c.position(guard.adc_code_min),
@@ -72,7 +79,10 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn moves(&self) -> bool {
         let view = self.device.view();
-        let under_way = self.moving_until.is_some_and(|until| view.tick < until);
+        let travels = view.mode == Mode::Closed
+            && self.parameters.stepping.get().is_some()
+            && view.on_target_ticks < self.settling_ticks;
+        let under_way = travels || self.moving_until.is_some_and(|until| view.tick < until);
         self.runs()
             || !self.is_ready()
             || (under_way && matches!(view.mode, Mode::Closed | Mode::Playing))

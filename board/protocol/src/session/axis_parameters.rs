@@ -6,7 +6,7 @@ use hysteron_core::set_point::InputState;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use super::filters::{change_filter, filter_value};
-use super::{Pending, Piece, SET_POINT_CHANNEL, Session, Step, WAVE_TABLES, micrometres, volts};
+use super::{Pending, Piece, SET_POINT_CHANNEL, Session, Step, WAVE_TABLES, volts};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
@@ -35,8 +35,8 @@ impl<D: Device + 'static> Session<D> {
             match parameter {
                 DeviceParameter::Velocity => self.take_velocity(value)?,
                 DeviceParameter::Tolerance => {
-                    let tolerance = to_fixed(value, MICROMETRE_FRACTION_BITS)
-                        .filter(|tolerance| *tolerance > 0);
+                    let tolerance =
+                        to_fixed(value, self.position_bits()).filter(|tolerance| *tolerance > 0);
                     self.tolerance = tolerance.ok_or(ErrorCode::Range)?;
                     self.device.set_tolerance(self.tolerance);
                 }
@@ -61,7 +61,7 @@ impl<D: Device + 'static> Session<D> {
                     self.device.set_host_timeout(ticks);
                 }
                 DeviceParameter::LargestMove => {
-                    self.largest_move = size(value, MICROMETRE_FRACTION_BITS)?;
+                    self.largest_move = size(value, self.position_bits())?;
                 }
                 DeviceParameter::LargestDriveStep => {
                     self.largest_drive_step = size(value, VOLT_FRACTION_BITS)?;
@@ -140,13 +140,13 @@ impl<D: Device + 'static> Session<D> {
         };
         let (figures, watch) = (self.device.loop_figures(), self.device.resonance_watch());
         let value = match parameter {
-            DeviceParameter::RangeMinimum => micrometres(lowest),
-            DeviceParameter::RangeMaximum => micrometres(highest),
+            DeviceParameter::RangeMinimum => self.micrometres(lowest),
+            DeviceParameter::RangeMaximum => self.micrometres(highest),
             DeviceParameter::Velocity => self.velocity_value(),
-            DeviceParameter::Tolerance => micrometres(self.tolerance),
+            DeviceParameter::Tolerance => self.micrometres(self.tolerance),
             DeviceParameter::SettlingTime => seconds(self.settling_ticks),
             DeviceParameter::HostTimeout => seconds(self.device.host_timeout()),
-            DeviceParameter::LargestMove => micrometres(self.largest_move),
+            DeviceParameter::LargestMove => self.micrometres(self.largest_move),
             DeviceParameter::LargestDriveStep => volts(self.largest_drive_step),
             DeviceParameter::Resonance => of_thousandths(watch.frequency_millihertz),
             DeviceParameter::ResonanceAlarm => of_thousandths(watch.alarm_pm),

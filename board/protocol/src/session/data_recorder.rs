@@ -5,7 +5,7 @@ use core::fmt::Write;
 use heapless::Vec;
 use hysteron_core::trace_frame::TraceSample;
 
-use super::{Pending, Piece, Quantity, Session, Step, Trigger, micrometres, volts};
+use super::{Pending, Piece, Quantity, Session, Step, Trigger, volts};
 use crate::code_lines::{SAMPLES_IN_LINE, write_line};
 use crate::data_array::{DataArray, MOST_COLUMNS};
 use crate::decimal::{Decimal, ONE};
@@ -228,16 +228,18 @@ impl<D: Device + 'static> Session<D> {
         let quantity = self.quantities.get(usize::from(table).checked_sub(1)?)?;
         let sample: TraceSample = self.device.sample(nth)?;
         let c = self.converters(&self.device.view());
+        let position = match self.parameters.stepping.get() {
+            None => c.position(sample.adc_code),
+            Some(_) => sample.applied,
+        };
         Some(match quantity {
             Quantity::Nothing => Decimal {
                 billionths: 0,
                 digits: 6,
             },
-            Quantity::Target => micrometres(sample.reference),
-            Quantity::Position => micrometres(c.position(sample.adc_code)),
-            Quantity::Error => {
-                micrometres(sample.reference.saturating_sub(c.position(sample.adc_code)))
-            }
+            Quantity::Target => self.micrometres(sample.reference),
+            Quantity::Position => self.micrometres(position),
+            Quantity::Error => self.micrometres(sample.reference.saturating_sub(position)),
             Quantity::Voltage => volts(c.drive(sample.dac_code)),
         })
     }

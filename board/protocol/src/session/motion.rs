@@ -3,7 +3,7 @@
 use hysteron_core::amplifier::{Command, Mode};
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::set_point::InputState;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Volts};
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Travel, Volts};
 
 use super::{Generator, Meaning, Pending, SET_POINT_CHANNEL, Session, Trigger};
 use crate::decimal::ONE;
@@ -58,13 +58,10 @@ impl<D: Device + 'static> Session<D> {
         let view = self.device.view();
         match view.mode {
             Mode::Closed => {
-                let here = self.reference_now(&view);
-                let stay = Command::Reference {
-                    waveform: Waveform::Constant,
-                    offset: Micrometres::from_bits(here),
-                };
+                let (lowest, highest) = self.range(&view);
+                let here = self.reference_now(&view).max(lowest).min(highest);
                 self.command(
-                    stay,
+                    self.way(here, here, 0),
                     None,
                     Meaning::Move {
                         from: here,
@@ -116,13 +113,14 @@ impl<D: Device + 'static> Session<D> {
             (true, false) => {
                 let (lowest, highest) = self.range(&view);
                 let here = self.position_now(&view).max(lowest).min(highest);
-                let stay = Command::Reference {
-                    waveform: Waveform::Constant,
-                    offset: Micrometres::from_bits(here),
+                // A stick-slip drive stays where it is by itself.
+                let (first, then) = match self.parameters.stepping.get() {
+                    None => (self.way(here, here, 0), Some(Command::Enable)),
+                    Some(_) => (Command::Enable, None),
                 };
                 self.command(
-                    stay,
-                    Some(Command::Enable),
+                    first,
+                    then,
                     Meaning::Move {
                         from: here,
                         target: here,
@@ -146,15 +144,44 @@ impl<D: Device + 'static> Session<D> {
         Ok(())
     }
 
+    /// The command for a way of so many ticks between two positions.
+    fn way(&self, from: i32, target: i32, ticks: u32) -> Command {
+        if self.parameters.stepping.get().is_some() {
+            let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
+            return Command::MoveTo {
+                target: Travel::from_bits(target),
+                velocity: Micrometres::from_bits(
+                    (self.velocity / rate).clamp(1, i32::MAX.into()) as i32
+                ),
+            };
+        }
+        let waveform = match target.saturating_sub(from) {
+            0 => Waveform::Constant,
+            height => Waveform::QuasiStep {
+                height: Micrometres::from_bits(height),
+                delay_ticks: 0,
+                duration_ticks: ticks,
+            },
+        };
+        Command::Reference {
+            waveform,
+            offset: Micrometres::from_bits(from),
+        }
+    }
+
     pub(super) fn move_to(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let (target, far) =
-            words.of_axis(|words| Ok((words.micrometres(ErrorCode::Position)?, words.far()?)))?;
+        let (target, far) = self.asked_position(words)?;
         self.go(target, far)
     }
 
+    /// A position or a distance, and whether it may be far.
+    fn asked_position(&self, words: &mut Words<'_>) -> Result<(i32, bool), ErrorCode> {
+        let bits = self.position_bits();
+        words.of_axis(|words| Ok((words.micrometres(bits, ErrorCode::Position)?, words.far()?)))
+    }
+
     pub(super) fn move_by(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        let (distance, far) =
-            words.of_axis(|words| Ok((words.micrometres(ErrorCode::Position)?, words.far()?)))?;
+        let (distance, far) = self.asked_position(words)?;
         let target = self.target.checked_add(distance);
         self.go(target.ok_or(ErrorCode::Position)?, far)
     }
@@ -184,18 +211,14 @@ impl<D: Device + 'static> Session<D> {
         let ticks = (i64::from(height).abs() * 15 * rate / 8)
             .checked_div(self.velocity)
             .unwrap_or(LONGEST_MOVE_TICKS);
-        let ticks = ticks.clamp(1, LONGEST_MOVE_TICKS) as u32;
-        let waveform = Waveform::QuasiStep {
-            height: Micrometres::from_bits(height),
-            delay_ticks: 0,
-            duration_ticks: ticks,
+        let ticks = match self.parameters.stepping.get() {
+            None => ticks.clamp(1, LONGEST_MOVE_TICKS) as u32,
+            // Until the trace shows the new target.
+            Some(_) => self.settling_ticks,
         };
         self.begin_motion();
         self.command(
-            Command::Reference {
-                waveform,
-                offset: Micrometres::from_bits(from),
-            },
+            self.way(from, target, ticks),
             None,
             Meaning::Move {
                 from,

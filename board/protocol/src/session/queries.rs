@@ -4,7 +4,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::firmware_update::text;
 use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 
-use super::{Pending, SET_POINT_CHANNEL, Session, micrometres, volts};
+use super::{Pending, SET_POINT_CHANNEL, Session, volts};
 use crate::decimal::{Decimal, from_wide};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
@@ -86,12 +86,14 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn target(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let target = self.target;
-        self.say_axis(words, micrometres(target))
+        let target = self.micrometres(target);
+        self.say_axis(words, target)
     }
 
     pub(super) fn position(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let position = self.position_now(&self.device.view());
-        self.say_axis(words, micrometres(position))
+        let position = self.micrometres(position);
+        self.say_axis(words, position)
     }
 
     pub(super) fn voltage(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -125,12 +127,14 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn lowest(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let (lowest, _) = self.range(&self.device.view());
-        self.say_axis(words, micrometres(lowest))
+        let lowest = self.micrometres(lowest);
+        self.say_axis(words, lowest)
     }
 
     pub(super) fn highest(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let (_, highest) = self.range(&self.device.view());
-        self.say_axis(words, micrometres(highest))
+        let highest = self.micrometres(highest);
+        self.say_axis(words, highest)
     }
 
     pub(super) fn velocity(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

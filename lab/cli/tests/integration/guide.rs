@@ -3,6 +3,7 @@
 
 use crate::common::{self, words};
 
+use crate::stepping::record_rig;
 use std::path::Path;
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/hidden_effect");
@@ -109,6 +110,22 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
             "servo.block.commands",
             "drives/drive_wideband.csv",
         ],
+    );
+}
+
+#[test]
+fn the_way_to_a_stick_slip_drive_is_as_it_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    record_rig(folder.path());
+    let guide = include_str!("../../../../docs/guides/stick_slip.md");
+    let (commands, compared) = followed(guide, folder.path());
+    assert!(
+        commands >= 2 && compared >= 1,
+        "{commands} commands, {compared} lines compared"
+    );
+    require_files(
+        folder.path(),
+        &["platform.toml", "rig.toml", "rig.block", "stepping.html"],
     );
 }
 

@@ -4,6 +4,7 @@ use crate::common::hysteron;
 use hysteron_sim::stick_slip::StickSlipActuator;
 use hysteron_sim::waveform;
 use std::fmt::Write;
+use std::path::Path;
 
 const SAMPLE_RATE_HZ: f64 = 20_000.0;
 
@@ -75,9 +76,8 @@ fn a_recording_without_saw_teeth_is_refused() {
     );
 }
 
-#[test]
-fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
-    let folder = tempfile::tempdir().unwrap();
+/// Records the platform without the slider, and the slider under saw-teeth.
+pub fn record_rig(folder: &Path) {
     let rig = StickSlipActuator::thesis(0.0635);
     let mut noise = hysteron::WhiteNoise::new(0.003, 5);
     let mut noisy = |y: &[f64]| -> Vec<f64> { y.iter().map(|y| y + noise.next_um()).collect() };
@@ -90,7 +90,7 @@ fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
     drive_v.extend([90.0; 600].iter().chain(&[0.0; 800]));
     let platform = rig.simulate(&drive_v, SAMPLE_RATE_HZ).platform_um;
     std::fs::write(
-        folder.path().join("platform.csv"),
+        folder.join("platform.csv"),
         csv(&drive_v, &noisy(&platform)),
     )
     .unwrap();
@@ -98,11 +98,13 @@ fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
     drive_v.extend(waveform::saw_tooth(SAMPLE_RATE_HZ, 60.0, 50.0, 1.0, 6));
     drive_v.extend([0.0; 400]);
     let slider = rig.simulate(&drive_v, SAMPLE_RATE_HZ).end_effector_um;
-    std::fs::write(
-        folder.path().join("slider.csv"),
-        csv(&drive_v, &noisy(&slider)),
-    )
-    .unwrap();
+    std::fs::write(folder.join("slider.csv"), csv(&drive_v, &noisy(&slider))).unwrap();
+}
+
+#[test]
+fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
+    let folder = tempfile::tempdir().unwrap();
+    record_rig(folder.path());
     for line in [
         "identify platform.csv --effects hysteresis,vibration --out platform.toml",
         "stepping slider.csv --platform platform.toml --slider-kg 0.0635 --platform-stiffness-n-um 45 --json rig.json",

@@ -18,6 +18,7 @@ use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters,
 };
+use hysteron_core::stepping::IfStepping;
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
@@ -328,6 +329,7 @@ pub fn amplifier_parameters(
         servo,
         guard: guard(front_end, &converters, jump_codes, tracking_error),
         loop_bands: loop_bands(&law, &model.linear),
+        stepping: IfStepping::NONE,
     };
     verify(&parameters, front_end.sample_rate_hz)
         .map_err(|error| Error::new("parameter block", error.reason()))?;
@@ -358,6 +360,7 @@ pub fn wiring_parameters(
         },
         guard: guard(front_end, &converters, NO_SLEW_LIMIT, i32::MAX),
         loop_bands: LoopBands::OPEN,
+        stepping: IfStepping::NONE,
     };
     verify(&parameters, front_end.sample_rate_hz)
         .map_err(|error| Error::new("parameter block", error.reason()))?;

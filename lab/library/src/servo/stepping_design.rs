@@ -16,13 +16,12 @@ use super::model::{ActuatorModel, LinearModel, ModeModel, SampledModel};
 use super::predictor::tune;
 use super::sampled_loop::{FrequencyGrid, SampledLoop};
 use super::tuning::Demands;
-use hysteron_core::codes::{DriveCode, EncoderCount};
-use hysteron_core::guard::GuardParameters;
-use hysteron_core::output_limit::OutputLimit;
+use crate::error::{Error, Result};
+use crate::servo::amplifier_block::{FrontEnd, amplifier_parameters};
+use hysteron_core::parameter_block::{AmplifierParameters, verify};
 use hysteron_core::signal::Travel;
-use hysteron_core::stepping::{FLANK_FRACTION_BITS, SteppingParameters, SteppingTick};
+use hysteron_core::stepping::{FLANK_FRACTION_BITS, IfStepping, SteppingParameters};
 use hysteron_sim::closed_loop::Plant;
-use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::linear_system::ContinuousSystem;
 use hysteron_sim::stick_slip::{StickSlipActuator, StickSlipPlant};
 use nalgebra::{DMatrix, DVector};
@@ -38,24 +37,19 @@ const TEETH: usize = 15;
 /// Reach of fine motion over the largest displacement of the platform in a tooth: a slider that is fast at the
 /// end of its slow flank goes a little further than the platform.
 const REACH_OVER_STROKE: f64 = 1.05;
-/// Bits of the codes that the fine law reads.
-const WINDOW_BITS: u8 = 16;
 /// Highest frequency of fine motion, Hz.
 const FINE_HZ: f64 = 20.0;
 /// A slider without the contact's mode follows the platform to this share, which the law takes as unknown.
 const UNKNOWN_SHARE: f64 = 0.02;
 
 /// What is asked of a stepping drive.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SteppingOrder {
-    /// Sampling period, s.
-    pub period_s: f64,
-    /// Travel per count of the encoder, um.
-    pub encoder_um: f64,
+    /// Wiring. The sensor's codes are the window in which the fine law reads the encoder, a count each, about
+    /// zero.
+    pub front_end: FrontEnd,
     /// Noise of the encoder, um RMS.
     pub noise_um: f64,
-    /// Slew limit of the amplifier, V/s.
-    pub slew_v_s: f64,
     /// Ends of the travel, um.
     pub travel_um: [f64; 2],
     /// Error at which the slider counts as arrived, um.
@@ -67,10 +61,13 @@ pub struct SteppingOrder {
 impl Default for SteppingOrder {
     fn default() -> Self {
         Self {
-            period_s: 5e-5,
-            encoder_um: 0.001,
+            front_end: FrontEnd {
+                // 2^16 counts of a nanometre.
+                sensor_min_um: -32.768,
+                sensor_max_um: 32.768,
+                ..FrontEnd::default()
+            },
             noise_um: 0.003,
-            slew_v_s: 1e5,
             travel_um: [-12_000.0, 12_000.0],
             tolerance_um: 0.02,
             spread: 0.3,
@@ -128,8 +125,6 @@ pub struct SteppingDesign {
     pub reach_um: f64,
     /// The law of fine motion.
     pub fine: ServoDesign,
-    /// Converters: the fine law reads a window about its target.
-    pub scale: ConverterScale,
 }
 
 impl SteppingDesign {
@@ -137,10 +132,14 @@ impl SteppingDesign {
     ///
     /// # Errors
     /// The rig does not step, or no law keeps its margins.
-    pub fn new(rig: &StickSlipActuator, order: &SteppingOrder) -> Result<Self, String> {
+    pub fn new(
+        rig: &StickSlipActuator,
+        order: &SteppingOrder,
+    ) -> std::result::Result<Self, String> {
+        let period_s = order.front_end.period_s();
         let range_v = rig.drive_range_v;
         let ends_v = [FREE_SHARE * range_v, (1.0 - FREE_SHARE) * range_v];
-        let fast_s = (ends_v[1] - ends_v[0]) / order.slew_v_s;
+        let fast_s = (ends_v[1] - ends_v[0]) / order.front_end.slew_v_s;
         let tried = RATES_S.iter().flat_map(|slow_s| {
             CURVATURES.iter().map(move |curvature| Tooth {
                 ends_v,
@@ -152,7 +151,7 @@ impl SteppingDesign {
         });
         let tooth = tried
             .map(|tooth| Tooth {
-                step_um: step_um(rig, &tooth, order.period_s),
+                step_um: step_um(rig, &tooth, period_s),
                 ..tooth
             })
             .max_by(|a, b| a.velocity_um_s().total_cmp(&b.velocity_um_s()))
@@ -170,35 +169,43 @@ impl SteppingDesign {
         };
         let fine = fine_law(rig, order, &demands)
             .ok_or("no law of fine motion keeps its margins on all contacts of the rig")?;
-        let middle = f64::from(1u32 << (WINDOW_BITS - 1));
-        let scale = ConverterScale {
-            adc_zero_um: -middle * order.encoder_um,
-            adc_lsb_um: order.encoder_um,
-            adc_bits: WINDOW_BITS,
-            ..ConverterScale::around(0.0, range_v, 1.0)
-        };
         Ok(Self {
-            order: *order,
+            order: order.clone(),
             tooth,
             reach_um: REACH_OVER_STROKE * stroke_um,
             fine,
-            scale,
         })
     }
 
+    /// The block for a board.
+    ///
+    /// # Errors
+    /// As [`amplifier_parameters`]; what of the design contradicts the wiring.
+    pub fn block(&self) -> Result<AmplifierParameters> {
+        let front_end = &self.order.front_end;
+        let mut block = amplifier_parameters(&self.fine, front_end)?;
+        block.stepping = IfStepping::new(self.stepping(&block));
+        // A law that lacks drive for the rest of the way asks for a tooth, and that is no fault.
+        block.guard.tracking_error = (0.5 * self.reach_um * 2f64.powi(24)) as i32;
+        verify(&block, front_end.sample_rate_hz)
+            .map_err(|error| Error::new("stepping", error.reason()))?;
+        Ok(block)
+    }
+
     /// The integers of the stepping.
-    #[must_use]
-    pub fn parameters(&self) -> SteppingParameters {
+    fn stepping(&self, block: &AmplifierParameters) -> SteppingParameters {
         let order = &self.order;
+        let model = &self.fine.model;
+        let scale = order.front_end.scale(model.drive_min_v, model.drive_max_v);
         let ticks = |time_s: f64| {
-            (time_s / order.period_s)
+            (time_s / order.front_end.period_s())
                 .round()
                 .clamp(1.0, f64::from(u16::MAX)) as u16
         };
         let um = Travel::saturating_from_num::<f64>;
-        let [low, high] = self.tooth.ends_v.map(|v| self.scale.dac_code(v));
+        let [low, high] = self.tooth.ends_v.map(|v| scale.dac_code(v));
         SteppingParameters {
-            encoder_step: self.scale.parameters().adc_step,
+            encoder_step: block.servo.converters.adc_step,
             low,
             high,
             slow_ticks: ticks(self.tooth.slow_s),
@@ -218,53 +225,6 @@ impl SteppingDesign {
             arrival_ticks: ticks(ARRIVAL_S),
         }
     }
-
-    /// The tick, its slider at `count` and its drive at the lower limit.
-    ///
-    /// # Errors
-    /// A coefficient that does not fit its format; parameters that contradict one another.
-    pub fn tick(&self, count: EncoderCount) -> Result<SteppingTick, String> {
-        let mut converters = self.scale.parameters();
-        let volts_per_tick = self.order.slew_v_s * self.order.period_s;
-        converters.slew_codes = (volts_per_tick / self.scale.dac_lsb_v).ceil() as u32;
-        let servo = self
-            .fine
-            .parameters(converters)
-            .map_err(|e| e.to_string())?;
-        let rest_code = converters.dac_code_min;
-        let limit = OutputLimit::of_converters(&servo.converters, rest_code);
-        SteppingTick::new(
-            servo,
-            self.guard(rest_code),
-            limit,
-            self.parameters(),
-            count,
-        )
-        .map_err(str::to_owned)
-    }
-
-    /// Limits of the guard: the slider moves no faster than a tooth of the platform, and follows the way of
-    /// fine motion within half the reach.
-    fn guard(&self, rest_code: DriveCode) -> GuardParameters {
-        let counts = |um: f64| (um / self.order.encoder_um).ceil() as u32;
-        let range_codes = self
-            .scale
-            .dac_code(self.scale.drive_max_v)
-            .abs_diff(rest_code);
-        let last = hysteron_core::codes::SensorCode::highest(WINDOW_BITS);
-        GuardParameters {
-            adc_code_min: hysteron_core::codes::SensorCode::new(1),
-            adc_code_max: last - 1,
-            // Encoders without noise give the same count for ever.
-            stuck_ticks: 0,
-            jump_codes: counts(self.reach_um),
-            tracking_error: (0.5 * self.reach_um * 2f64.powi(24)) as i32,
-            tracking_ticks: (ARRIVAL_S / self.order.period_s) as u16,
-            ramp_codes: ((range_codes as f64 * self.order.period_s / REST_S).ceil() as u32).max(1),
-            rest_code,
-            healthy_ticks: (ARRIVAL_S / self.order.period_s) as u16,
-        }
-    }
 }
 
 /// Rest between coarse and fine motion, s: five time constants of the thesis' contact.
@@ -274,8 +234,6 @@ const SETTLE_S: f64 = 0.005;
 const FINE_S: f64 = 0.06;
 /// So long within the tolerance is an arrival, s.
 const ARRIVAL_S: f64 = 0.02;
-/// Time from the whole range to rest after a fault, s.
-const REST_S: f64 = 0.1;
 /// Share of the model's step below which a tooth is no step.
 const LEAST_STEP_SHARE: f64 = 0.1;
 /// So many teeth without a step are a stall.
@@ -308,7 +266,7 @@ fn fine_law(
     order: &SteppingOrder,
     demands: &Demands,
 ) -> Option<ServoDesign> {
-    let model = fine_model(rig, order.period_s);
+    let model = fine_model(rig, order.front_end.period_s());
     let contacts = contacts(rig, order);
     let grid = FrequencyGrid::about_modes(&model.linear);
     let gains = [1.0 - order.spread, 1.0, 1.0 + order.spread];
@@ -369,12 +327,12 @@ fn contacts(rig: &StickSlipActuator, order: &SteppingOrder) -> Vec<SampledModel>
                 c: DVector::zeros(4),
                 d: 0.0,
             }
-            .held_matrices(order.period_s);
+            .held_matrices(order.front_end.period_s());
             SampledModel {
                 a,
                 b,
                 c: DVector::from_row_slice(&[0.0, 0.0, 1.0, 0.0]),
-                period_s: order.period_s,
+                period_s: order.front_end.period_s(),
             }
         })
         .collect()
@@ -417,19 +375,19 @@ mod tests {
             design.tooth.velocity_um_s()
         );
         println!("{:?}", design.fine.scheme);
-        let period_s = design.order.period_s;
-        let mut closed = SteppingLoop::new(
-            StickSlipPlant::at_rest(rig, period_s),
-            design.tick(EncoderCount(0)).unwrap(),
-            design.scale,
-            period_s,
-            (design.order.noise_um, 7),
-        );
+        let plant = StickSlipPlant::at_rest(rig, design.order.front_end.period_s());
+        let noise = (design.order.noise_um, 7);
+        let mut closed = SteppingLoop::new(plant, &design.block().unwrap(), noise);
         for target_um in [0.1, 40.0, -25.0, -25.1] {
             let figures = closed.move_to(target_um, 3.0, 0.05).unwrap();
             println!("{target_um}: {figures:?}");
             assert!(figures.arrived_s.is_some(), "{target_um}: {figures:?}");
             assert!(figures.error_max_um < 0.05, "{target_um}: {figures:?}");
+        }
+        for target_um in [60.0, -30.0, 17.0] {
+            let position_um = closed.follow(target_um, 200.0, 1.5).unwrap();
+            let error_um = position_um[position_um.len() - 1] - target_um;
+            assert!(error_um.abs() < 0.05, "{target_um}: {error_um} um");
         }
     }
 }

@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
+use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
+use hysteron::servo::{amplifier_block, stepping_rig};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::{BlockError, read};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::sample_rate_hz;
 use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_sim::bench::{Bench, Variant};
+use hysteron_sim::stick_slip::{StickSlipActuator, StickSlipPlant};
 
 /// The block that was designed for the simulated bench, for an image of 20 kHz.
 const BENCH_BLOCK: &[u8] = include_bytes!("../../../tests/p753.block");
@@ -27,6 +30,7 @@ pub struct Options {
     image: Option<PathBuf>,
     block: Block,
     stage: Option<PathBuf>,
+    stick_slip: Option<PathBuf>,
     front_end: Option<PathBuf>,
     noise_um: f64,
     truth: Option<PathBuf>,
@@ -51,6 +55,7 @@ impl Options {
             image: None,
             block: Block::Fitting,
             stage: None,
+            stick_slip: None,
             front_end: None,
             noise_um: STAGE_NOISE_UM,
             truth: None,
@@ -74,6 +79,7 @@ impl Options {
                 "--block" => options.block = Block::File(value()?.into()),
                 "--empty" => options.block = Block::Empty,
                 "--stage" => options.stage = Some(value()?.into()),
+                "--stick-slip" => options.stick_slip = Some(value()?.into()),
                 "--front-end" => options.front_end = Some(value()?.into()),
                 "--noise-nm" => {
                     let text = value()?;
@@ -88,16 +94,20 @@ impl Options {
                 }
                 "--truth" => options.truth = Some(value()?.into()),
                 other => {
-                    let known = "--tcp, --image, --block, --empty, --stage, --front-end, --noise-nm or --truth";
+                    let known = "--tcp, --image, --block, --empty, --stage, --stick-slip, --front-end, --noise-nm or --truth";
                     return Err(format!("`{other}`: expected {known}"));
                 }
             }
         }
-        if options.stage.is_none() && options.front_end.is_some() {
+        let bench = options.stage.is_none() && options.stick_slip.is_none();
+        if bench && options.front_end.is_some() {
             return Err(
-                "--front-end: the wiring of the simulated bench is fixed; it goes with --stage"
+                "--front-end: the wiring of the simulated bench is fixed; it goes with --stage or --stick-slip"
                     .into(),
             );
+        }
+        if options.stage.is_some() && options.stick_slip.is_some() {
+            return Err("--stick-slip: expected one stage, and --stage names another".into());
         }
         Ok(options)
     }
@@ -124,6 +134,14 @@ fn image(options: &Options) -> Result<PathBuf, String> {
 /// What the flash holds, for an image of this sampling rate.
 fn block(options: &Options, rate_hz: u32) -> Result<Option<Vec<u8>>, String> {
     let path = match &options.block {
+        Block::Fitting if options.stick_slip.is_some() => {
+            let (rig, order) = stick_slip(options)?;
+            let parameters = SteppingDesign::new(&rig, &order)?
+                .block()
+                .map_err(|error| error.to_string())?;
+            let bytes = amplifier_block::block(&parameters).map_err(|error| error.to_string())?;
+            return Ok(Some(bytes));
+        }
         Block::Fitting => {
             return Ok(
                 (options.stage.is_none() && read(BENCH_BLOCK, rate_hz).is_ok())
@@ -148,8 +166,30 @@ fn text(path: &Path) -> Result<String, String> {
     std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
+/// The stick-slip rig, and how it is wired.
+fn stick_slip(options: &Options) -> Result<(StickSlipActuator, SteppingOrder), String> {
+    let path = options.stick_slip.as_deref().unwrap_or(Path::new(""));
+    let rig = stepping_rig::from_toml(&text(path)?, &path.display().to_string())
+        .map_err(|error| error.to_string())?;
+    let mut order = SteppingOrder::default();
+    if let Some(path) = &options.front_end {
+        order.front_end = FrontEnd::from_toml(&text(path)?, &path.display().to_string())
+            .map_err(|error| error.to_string())?;
+    }
+    Ok((rig, order))
+}
+
 /// What stands behind the converters, sampled at this rate.
 fn world(options: &Options, rate_hz: u32) -> Result<World, String> {
+    if options.stick_slip.is_some() {
+        let (rig, order) = stick_slip(options)?;
+        let scale = order.front_end.scale(0.0, rig.drive_range_v);
+        let plant = StickSlipPlant::at_rest(rig, 1.0 / f64::from(rate_hz));
+        let mut world = World::with(Box::new(plant), scale, options.noise_um, SEED);
+        world.encoder = true;
+        world.period_ns = (1e9 / f64::from(rate_hz)).round() as u64;
+        return Ok(world);
+    }
     let Some(stage) = &options.stage else {
         let mut bench =
             Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;

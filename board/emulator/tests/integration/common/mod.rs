@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use hysteron_core::amplifier::Amplifier;
-use hysteron_core::codes::SensorCode;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::creep_inverse::CreepInverseParameters;
 use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
 use hysteron_core::guard::GuardParameters;
@@ -23,6 +23,7 @@ use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
 };
+use hysteron_core::stepping::IfStepping;
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::{SharedWorld, World};
@@ -99,6 +100,7 @@ pub fn parameters() -> AmplifierParameters {
             healthy_ticks: 2000,
         },
         loop_bands: LoopBands::UNKNOWN,
+        stepping: IfStepping::NONE,
     }
 }
 
@@ -199,6 +201,21 @@ pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
     assert_eq!(full_rate.len(), (ticks - 100) as usize);
     for (ours, theirs) in full_rate.iter().zip(&host[100..]) {
         assert_eq!(**ours, *theirs);
+    }
+}
+
+/// Asserts that image and host agree in the codes of every edge that the host has.
+#[track_caller]
+pub fn assert_same_codes(image: &[(SensorCode, DriveCode)], host: &[(SensorCode, DriveCode)]) {
+    assert!(image.len() >= host.len() && !host.is_empty());
+    let mut pairs = image.iter().zip(host);
+    if let Some(at) = pairs.position(|(ours, theirs)| ours != theirs) {
+        let around = at.saturating_sub(3)..(at + 4).min(host.len());
+        panic!(
+            "image and host differ at edge {at}: {:?}, {:?}",
+            &image[around.clone()],
+            &host[around]
+        );
     }
 }
 
