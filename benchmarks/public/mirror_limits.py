@@ -5,8 +5,9 @@
 
 FOLDER holds `fine_steering_mirror`. Needs NumPy. Of each level the last realisation is held out. A response without any
 structure is fitted line by line, to one level or to all of them, alone or beside forces that act where the drives act:
-play operators of each drive, of the extension of each actuator, and powers of its velocity. The extension is the
-combination of the sensors whose response to the drives is symmetric, as reciprocity has it.
+play operators of each drive, of the extension of each actuator, powers of its velocity, and extension and velocity
+times the RMS extension over a time. The extension is the combination of the sensors whose response to the drives is
+symmetric, as reciprocity has it.
 """
 
 import argparse
@@ -22,6 +23,8 @@ LINES = numpy.arange(1, 3840)
 BANDS_HZ = ((0, 500), (500, 700), (700, 860), (860, 950), (950, 1100), (1100, 1600), (1600, 3000))
 # Thresholds of the play operators, in standard deviations of what they follow at the highest level.
 THRESHOLDS = (0.03, 0.1, 0.25, 0.5, 1.0, 1.7)
+# Times over which an actuator remembers that it moved.
+MEMORIES_S = (0.001, 0.01, 0.03, 0.1, 0.3, 3.0)
 
 
 def play(signal, threshold):
@@ -33,6 +36,15 @@ def play(signal, threshold):
             state = numpy.clip(state, signal[:, k] - threshold, signal[:, k] + threshold)
             out[:, k] = state
     return out
+
+
+def softening(signal, memory_s):
+    """The extension and its velocity, times the RMS extension over the time before, on periods."""
+    turns = 2j * numpy.pi * numpy.arange(PERIOD // 2 + 1) * RATE_HZ / PERIOD
+    back = lambda spectrum: numpy.fft.irfft(spectrum, PERIOD, axis=1)
+    square = back(numpy.fft.rfft(signal**2, axis=1) / (1 + turns * memory_s))
+    rms = numpy.sqrt(numpy.maximum(square, 0.0))
+    return [rms * signal, rms * back(turns * numpy.fft.rfft(signal, axis=1))]
 
 
 def spectra(signals):
@@ -135,6 +147,9 @@ def main():
     of_extension = mirror.plays(extension)
     model = mirror.beside(of_extension)
     print(f"  {'and play operators of each extension':48} {shown(mirror.errors(model))}")
+    for memory_s in MEMORIES_S:
+        forces = [(drive, spectra(force)) for drive in range(3) for force in softening(extension[drive], memory_s)]
+        print(f"  {f'and extension by its RMS over {memory_s} s':48} {shown(mirror.errors(mirror.beside(forces)))}")
     velocity = []
     for drive in range(3):
         turns = 2j * numpy.pi * numpy.arange(PERIOD // 2 + 1)

@@ -226,7 +226,7 @@ enum Command {
     Plant(PlantArguments),
     /// Stages with several drives and sensors: find what is where, decouple, simulate
     #[command(
-        after_help = "Examples:\n  hysteron axes explain my_stage --out model.toml --report axes.html\n  hysteron axes decouple model.toml --hidden-coupling 0.1"
+        after_help = "Examples:\n  hysteron axes explain my_stage --out model.toml --report axes.html\n  hysteron axes identify my_stage --modes 16 --actuator-softening --out model.toml\n  hysteron axes decouple model.toml --hidden-coupling 0.1"
     )]
     Axes {
         #[command(subcommand)]
