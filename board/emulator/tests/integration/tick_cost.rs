@@ -31,7 +31,7 @@ const LIMITS: [(&str, u32, u32); 11] = [
     ("amplifier follows", 1_400, 1_150),
     ("amplifier conditions", 700, 400),
     ("exchange", 9_800, 9_700),
-    ("swap", 4_450, 4_450),
+    ("swap", 4_550, 4_550),
 ];
 
 #[test]
