@@ -1050,7 +1050,7 @@ impl Amplifier {
         }
     }
 
-    /// What makes it a stick-slip drive; `None`: it is none.
+    /// What makes it a stick-slip drive; `None` for any other drive.
     #[inline]
     #[must_use]
     pub fn stepper(&self) -> Option<&Stepper> {

@@ -121,8 +121,7 @@ impl Facts {
             })
     }
 
-    /// The model at the end is at the noise, by the names alone. One that is there by effects that may as well
-    /// be others does not say so.
+    /// The model at the end is at the noise, by the names alone: not by effects that may as well be others.
     fn nothing_is_missing(&self) -> bool {
         self.at_the_noise && self.explained_by_names && !self.excluded
     }
