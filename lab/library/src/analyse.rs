@@ -13,7 +13,7 @@ use crate::diagnosis::path::{self, ModelChange, PathStep};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::pool::{Entry, Move, Pool};
 use crate::diagnosis::prior;
-use crate::diagnosis::reporting::{self, Found, has_open_values};
+use crate::diagnosis::reporting::{self, Found};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
 use crate::diagnosis::searched_data::for_evidence;
@@ -306,11 +306,13 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
         require_finite(&model, dataset, &study.split.both())?;
     }
-    let (open, names) = std::mem::take(&mut grown.weighed)
+    let (unfixed, names): (Vec<Weighed>, Vec<Weighed>) = grown
+        .weighed
         .into_iter()
-        .partition(|weighed| has_open_values(weighed, &cannot_identify));
+        .partition(|weighed| weighed.has_open_values(&cannot_identify));
+    let values_open = grown.open.is_empty();
     grown.weighed = names;
-    grown.open.extend::<Vec<Weighed>>(open);
+    grown.open.extend(unfixed);
     let next = next_experiment(&grown, dataset, floor.rms_um);
     let left_um = grown.simplest.first().map_or(0.0, |e| e.judged.error_um());
     let least_um = least_difference_um(&study, left_um);
@@ -321,7 +323,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         named: grown.named.as_ref().unwrap_or(&last),
         weighed: &grown.weighed,
         open: &grown.open,
-        cannot_identify: &cannot_identify,
+        values_open,
         models: &grown.models,
         simplest: &grown.simplest,
         changed: &grown.changed,

@@ -67,6 +67,13 @@ pub fn mean(signal: &[f64]) -> f64 {
     }
 }
 
+/// RMS about the mean.
+#[must_use]
+pub fn rms_about_mean(signal: &[f64]) -> f64 {
+    let mean = mean(signal);
+    rms(&signal.iter().map(|x| x - mean).collect::<Vec<f64>>())
+}
+
 /// RMS of what has a pattern in a signal whose steps from sample to sample are these: what is random has
 /// steps of the root of two times its size, a pattern next to none.
 #[must_use]

@@ -6,7 +6,8 @@ use super::data_set::Dataset;
 const ONE_TURNING_POINT: f64 = 0.05;
 /// Speeds within this factor count as one.
 const ONE_SPEED: f64 = 3.0;
-/// Speeds within this factor are those of one motion: repeats of a measured drive differ by some per cent.
+/// Speeds within this factor are those of one motion. The halves of 44 files of one sine differ by 1.2 % at most,
+/// sines of 37 and 50 Hz, which tell a slew limit from other effects, by 35 %.
 const ONE_MOTION: f64 = 1.1;
 
 /// A drive moves at several speeds where the fastest tenth of its way is so many times as fast as the slowest

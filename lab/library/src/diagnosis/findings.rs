@@ -9,6 +9,7 @@ use super::screening::Screening;
 use super::selection::confidence_set_in;
 use super::study::Study;
 use crate::error::Result;
+use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{Evidence, Finding, Residuals};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -66,6 +67,17 @@ impl Weighed {
             or_other_values_of: self.slot.other_values_of(),
             evidence: self.evidence,
         }
+    }
+
+    /// It is one effect of which the data fix no value, so that it may as well be something else.
+    #[must_use]
+    pub fn has_open_values(&self, cannot_identify: &[CannotIdentify]) -> bool {
+        let finding = self.finding();
+        let [effect] = finding.effects.as_slice() else {
+            return false;
+        };
+        let is_open = |what: &CannotIdentify| matches!(what, CannotIdentify::AnyOf { effect: id } if id == effect);
+        finding.or_other_values_of.is_empty() && cannot_identify.iter().any(is_open)
     }
 
     /// By how much the error falls with it, um: the root of the difference of the mean squares, the larger of

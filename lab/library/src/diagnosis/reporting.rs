@@ -13,7 +13,6 @@ use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
-use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::{
     CandidateFigures, Cell, ChangedValue, Diagnosis, Evidence, Finding, KeptModel, RecordCells,
@@ -34,8 +33,8 @@ pub struct Found<'a> {
     pub weighed: &'a [Weighed],
     /// What survives its test and is no name.
     pub open: &'a [Weighed],
-    /// What the data leave open of the model at the end.
-    pub cannot_identify: &'a [CannotIdentify],
+    /// All of that is no name because the data fix none of its values.
+    pub values_open: bool,
     /// The simplest kept models.
     pub models: &'a [KeptModel],
     /// The same as they are in the pool.
@@ -58,18 +57,6 @@ pub struct Found<'a> {
     pub out_of_time: bool,
     /// Two effects that no drive distinguishes, and by how much they differ on the best, um.
     pub in_vain: Option<(&'a [String; 2], f64)>,
-}
-
-/// Whether the data fix no value of what was found, so that it may as well be something else.
-#[must_use]
-pub fn has_open_values(found: &Weighed, cannot_identify: &[CannotIdentify]) -> bool {
-    let finding = found.finding();
-    let open = |effect: &String| {
-        let of_it = |what: &CannotIdentify| matches!(what, CannotIdentify::AnyOf { effect: id } if id == effect);
-        cannot_identify.iter().any(of_it)
-    };
-    finding.or_other_values_of.is_empty()
-        && matches!(&finding.effects[..], [effect] if open(effect))
 }
 
 /// Puts what was found into one of the five words.
@@ -145,10 +132,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
             .any(|f| f.effects.len() + f.or_other_values_of.len() > 1),
         other_values_only: findings.iter().all(|f| f.effects.is_empty()),
         open: !found.open.is_empty(),
-        values_open: found
-            .open
-            .iter()
-            .all(|w| has_open_values(w, found.cannot_identify)),
+        values_open: found.values_open,
         one_motion: DriveVariety::of(dataset, &study.split.both()).one_motion(),
     };
     let (verdict, reason, no_names) = (facts.verdict(), facts.reason(), facts.names_nothing());

@@ -20,8 +20,8 @@
 use super::subject::{End, Moment, Subject};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::{Dataset, Record, Role};
-use crate::identification::fit::rms;
 use crate::parallel;
+use crate::statistics::{rms, rms_about_mean};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -75,9 +75,7 @@ fn nothing_taken(dataset: &Dataset, end: &End) -> Option<Issue> {
             .counted()
             .map(|k| record.displacement_um[k])
             .collect();
-        let mean = readings.iter().sum::<f64>() / readings.len().max(1) as f64;
-        let about_mean: Vec<f64> = readings.iter().map(|y| y - mean).collect();
-        let moves = rms(&about_mean);
+        let moves = rms_about_mean(&readings);
         (moves > 0.0).then(|| (rms(&end.last.residuals[*i]) / moves).powi(2))
     };
     let least = end

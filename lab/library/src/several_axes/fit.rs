@@ -5,7 +5,7 @@ use super::structure::{Described, Free, Part, Scales};
 use crate::dataset::Role;
 use crate::least_squares::{self, refined};
 use crate::parallel;
-use crate::statistics::mean;
+use crate::statistics::rms_about_mean;
 use hysteron_sim::several_axes::{Held, ModalStage};
 use nalgebra::{DMatrix, DVector};
 
@@ -26,11 +26,6 @@ const NOISE_LEAST: f64 = 1e-6;
 /// Share of a reading that a model with few numbers leaves beside the noise: what one linear response leaves of
 /// one level of the fine steering mirror (`benchmarks/public/mirror_limits.py`).
 const MODEL_ERROR: f64 = 0.05;
-
-fn rms_about_mean(signal: &[f64]) -> f64 {
-    let mean = mean(signal);
-    (signal.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / signal.len().max(1) as f64).sqrt()
-}
 
 /// Every signal of a simulation, by record.
 #[derive(Clone)]

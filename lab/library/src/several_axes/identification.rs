@@ -11,7 +11,7 @@ use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
 use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::error::{Error, Result};
-use crate::statistics::mean;
+use crate::statistics::rms_about_mean;
 use crate::watch::Watch;
 use serde::Serialize;
 
@@ -101,10 +101,6 @@ pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
     let of_record = |n: usize| {
         let record = &data.records[n];
         let counted = record.counted_from..record.counted_to;
-        let about_mean = |signal: &[f64]| -> f64 {
-            let mean = mean(signal);
-            signal.iter().map(|x| (x - mean).powi(2)).sum()
-        };
         let (mut left, mut all) = (0.0, 0.0);
         for (reading, modelled) in record
             .readings
@@ -112,8 +108,8 @@ pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
             .zip(problem.modelled(&model.stage, n))
         {
             let error = |k: usize| reading[k] - modelled[k];
-            left += about_mean(&counted.clone().map(error).collect::<Vec<f64>>());
-            all += about_mean(&reading[counted.clone()]);
+            left += rms_about_mean(&counted.clone().map(error).collect::<Vec<f64>>()).powi(2);
+            all += rms_about_mean(&reading[counted.clone()]).powi(2);
         }
         RecordError {
             record: record.name.clone(),
