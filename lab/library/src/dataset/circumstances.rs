@@ -3,6 +3,7 @@
 //! them it shows how the model extrapolates.
 
 use crate::statistics::peak_to_peak;
+use std::ops::Range;
 
 /// Voltages and heights of loops that differ by less than this share of the drive's range are alike.
 const ALIKE: f64 = 0.05;
@@ -10,6 +11,11 @@ const ALIKE: f64 = 0.05;
 const ALIKE_IN_TIME: f64 = 1.25;
 /// The drive turns where it goes back by this share of its range; a smaller motion is a hold.
 const TURNS: f64 = 0.02;
+
+/// The rest of a recording shows nothing new where this share of it lies within the limits of the beginning.
+const NOTHING_NEW: f64 = 0.95;
+/// Turns of a beginning, at least: one for each half of four sections.
+const TURNS_MIN: usize = 8;
 
 /// The circumstances of one sample.
 #[derive(Clone, Copy, Debug)]
@@ -74,6 +80,34 @@ impl Circumstances {
             }
         }
         Self(out)
+    }
+
+    /// The beginning of a motion that shows what the rest does, from half of `longest` samples on, and which
+    /// share of the rest lies within its limits. All of it where it is no longer than that.
+    #[must_use]
+    pub fn beginning(
+        &self,
+        drive_v: &[f64],
+        motion: &Range<usize>,
+        longest: usize,
+    ) -> (Range<usize>, f64) {
+        if motion.len() <= longest {
+            return (motion.clone(), 1.0);
+        }
+        let alike = |end: usize| {
+            let limits = Self::limits([(self, (motion.start..end).collect())]);
+            let rest = end..motion.end;
+            let within = rest.clone().filter(|k| limits.covers(self, *k)).count();
+            within as f64 / rest.len() as f64
+        };
+        let least_v = 0.1 * peak_to_peak(drive_v);
+        let shows_the_rest = |end: &usize| {
+            alike(*end) >= NOTHING_NEW
+                && turns(&drive_v[motion.start..*end], least_v).len() >= TURNS_MIN
+        };
+        let mut ends = (2..4).map(|quarters| motion.start + quarters * longest / 4);
+        let end = ends.find(shows_the_rest).unwrap_or(motion.start + longest);
+        (motion.start..end, alike(end))
     }
 
     /// The limits of some samples, of one drive or of several.

@@ -159,19 +159,20 @@ impl Dataset {
                     ));
                 }
             }
-            let first = match (record.window.start, record.initial_state) {
-                (0, InitialState::Virgin) => self.drive_min_v,
-                (start, _) => record.drive_v[start.saturating_sub(1)],
+            // A hold behind a move shows creep: what moves before the window counts.
+            let first = match record.initial_state {
+                InitialState::Virgin => self.drive_min_v,
+                _ => record.drive_v[0],
             };
             if record.role != Role::Noise
-                && record.drive_v[record.window.clone()]
+                && record.drive_v[..record.window.end]
                     .iter()
                     .all(|u| *u == first)
             {
                 return Err(Error::new(
                     place,
                     format!(
-                        "the drive is constant ({first} V) inside the window; role = \"{}\" expects one that moves (role = \"noise\" is for rest)",
+                        "the drive is constant ({first} V) up to the window's end; role = \"{}\" expects one that moves (role = \"noise\" is for rest)",
                         record.role.name()
                     ),
                 ));

@@ -1,5 +1,6 @@
 //! Every threshold of the decision, with the reason for its value.
 
+use crate::dataset::one_recording::SEARCHED_SAMPLES;
 use crate::error::{Error, Result, line_of};
 use serde::Deserialize;
 
@@ -160,7 +161,7 @@ impl Default for Policy {
     fn default() -> Self {
         Self {
             most_steps: 8e9,
-            walked_samples: 120_000,
+            walked_samples: SEARCHED_SAMPLES,
             weighed_samples: 1_500_000,
             search_samples: 16_000,
             scoring_samples: 8_000,
