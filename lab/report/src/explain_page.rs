@@ -146,13 +146,17 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
             Some(rms_um) => ("Held-out error", rms_um),
             None => ("Error on the fitted records", last.identify_rms_um),
         };
-        let mut text = format!("{} RMS", nanometres(rms_um));
-        if let Some(floor) = &report.noise_floor
-            && floor.rms_um > 0.0
-        {
-            text.push_str(&format!(", {:.2} x the noise", rms_um / floor.rms_um));
+        let floor = report.noise_floor.as_ref().filter(|f| f.rms_um > 0.0);
+        let text = |rms_um: f64| {
+            let times = floor.map(|f| format!(", {:.2} x the noise", rms_um / f.rms_um));
+            format!("{} RMS{}", nanometres(rms_um), times.unwrap_or_default())
+        };
+        if let Some(named_um) = report.named_rms_um {
+            facts.push((format!("{name}, named effects alone"), text(named_um)));
+            facts.push((format!("{name}, model at the end"), text(rms_um)));
+        } else {
+            facts.push((name.to_owned(), text(rms_um)));
         }
-        facts.push((name.to_owned(), text));
     }
     facts.push((
         "Noise floor".to_owned(),

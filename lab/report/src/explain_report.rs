@@ -18,6 +18,9 @@ pub struct ExplainReport {
     pub sentence: String,
     /// Effects that the verdict names; all those it cannot distinguish if it is `ambiguous`.
     pub named: Vec<String>,
+    /// Error of the model with the named effects and no others, where the last one has more and another
+    /// error, um.
+    pub named_rms_um: Option<f64>,
     /// The records in the order of the data set.
     pub records: Vec<RecordReport>,
     /// The noise floor, if the data has one.

@@ -17,12 +17,21 @@ use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::identification::nuisance_terms::Samples;
-use hysteron::outcome::{CandidateFigures, Standing, Verdict};
+use hysteron::outcome::{CandidateFigures, Diagnosis, Residuals, Standing, Verdict};
+use hysteron::phrases::nm;
 use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
 use hysteron_sim::effect::quantisation::Quantisation;
+
+/// Error of the named effects alone, held out where something is, if it is another than at the end, um.
+fn named_rms_um(diagnosis: &Diagnosis) -> Option<f64> {
+    let error_um = |of: &Residuals| of.validate.unwrap_or(of.identify);
+    let named_um = error_um(&diagnosis.residual_rms_named_um);
+    (!diagnosis.named.is_empty() && nm(named_um) != nm(error_um(&diagnosis.residual_rms_after_um)))
+        .then_some(named_um)
+}
 
 /// Everything that the page of an explanation shows.
 #[must_use]
@@ -41,6 +50,7 @@ pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> Ex
         verdict: found.diagnosis.verdict.word().into(),
         sentence: found.diagnosis.sentence.clone(),
         named: found.diagnosis.named.clone(),
+        named_rms_um: named_rms_um(&found.diagnosis),
         records: with_latent_force(found, record_reports(&models, dataset)),
         noise_floor: floor_report(&found.floor),
         steps: step_reports(&found.steps),

@@ -344,7 +344,7 @@ impl<'a> Said<'a> {
                     .collect();
                 let plural = names.len() > 1;
                 let ambiguous = if d.verdict == Verdict::Ambiguous {
-                    " Where it says \"or\", this data cannot distinguish them."
+                    " Where it says \"or\", this data cannot distinguish them: decide by what you know of the apparatus."
                 } else {
                     ""
                 };
