@@ -8,8 +8,8 @@ use hysteron_core::command_lines::STOP_BYTE;
 use hysteron_protocol::LINE_BYTES;
 use hysteron_protocol::seal::{MOVING, SEAL_BYTES, checksum};
 
-use crate::condition::{fault_name, what_to_do};
 use crate::error::{Error, Result, meaning};
+use crate::fault::{fault_name, what_to_do};
 use crate::port::{Address, Port, USUAL_BAUD};
 
 /// A board that sends no byte for so long while an answer is due counts as lost.

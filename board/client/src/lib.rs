@@ -5,7 +5,8 @@
 //! tells and looks at `ERR?` after what it told, all in the General Command Set 2.0 (`hysteron_protocol`). On
 //! that stand [`upload`] (a parameter block), [`update`] (another [`image`]), [`playing`] (a drive that is
 //! played from rest, and what the recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in
-//! um and V), [`condition`] (how the board is, in words) and [`following`] (how well its closed loop followed).
+//! um and V), [`condition`] (how the board is, in words), [`fault`] (what an
+//! operator does about a fault) and [`following`] (how well its closed loop followed).
 //!
 //! A board may be slower than its hardware, where it is emulated: nothing here reckons with the clock. What
 //! is waited for is asked for again and again; the client gives up a board only when not a byte has come for
@@ -14,6 +15,7 @@
 pub mod board;
 pub mod condition;
 mod error;
+pub mod fault;
 pub mod following;
 pub mod image;
 pub mod playing;

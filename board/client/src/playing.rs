@@ -15,6 +15,7 @@ use hysteron_protocol::code_lines::SAMPLES_IN_LINE;
 
 use crate::board::{BETWEEN_QUESTIONS, Board};
 use crate::error::{Error, Result};
+use crate::fault::fault_name;
 use crate::scale::Scale;
 
 /// Points in a line: with their signs and decimals they fit into the board's longest.
@@ -143,7 +144,7 @@ fn fault_of(board: &mut Board) -> Result<()> {
             "board",
             format!(
                 "a fault has ended it: {}",
-                crate::condition::fault_name(board.number("DIA? 2")?)
+                fault_name(board.number("DIA? 2")?)
             ),
         ));
     }

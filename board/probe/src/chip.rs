@@ -1,6 +1,6 @@
 //! The probe that is meant, and the chip behind it.
 
-use crate::{Result, whole};
+use crate::failure::{Result, whole};
 use probe_rs::probe::DebugProbeSelector;
 use probe_rs::probe::list::{Accessibility, Lister, ProbeListItem};
 use probe_rs::{Core, MemoryInterface, Permissions, Session};

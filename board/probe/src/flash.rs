@@ -1,6 +1,7 @@
 //! `flash`: the boot stage and the image into the board's flash.
 
-use crate::{Result, chip, image, whole};
+use crate::failure::{Result, whole};
+use crate::{chip, image};
 use probe_rs::Session;
 use probe_rs::flashing::{
     DownloadOptions, ElfOptions, FlashProgress, ProgressEvent, ProgressOperation,

@@ -1,6 +1,6 @@
 //! An image before it is flashed: is it one of this project, for this chip, and does it stay where it may?
 
-use crate::Result;
+use crate::failure::Result;
 use object::elf::{EM_ARM, PT_LOAD};
 use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol};

@@ -1,6 +1,7 @@
 //! `attach`: the log of a board that runs, and commands to it.
 
-use crate::{Result, chip, image, whole};
+use crate::failure::{Result, whole};
+use crate::{chip, image};
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use probe_rs::Core;
 use probe_rs::rtt::{self, Rtt};

@@ -7,6 +7,7 @@
 //! right one and can be written. [`flash`], [`log`] and [`record`] do the work.
 
 mod chip;
+mod failure;
 mod flash;
 mod image;
 mod log;
@@ -91,23 +92,6 @@ impl Which {
     fn selector(&self) -> Option<&str> {
         self.probe.as_deref().filter(|text| !text.is_empty())
     }
-}
-
-/// What went wrong, in one line.
-type Result<T> = std::result::Result<T, String>;
-
-/// An error with all that stands behind it, in one line.
-fn whole(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut behind = error.source();
-    while let Some(cause) = behind {
-        let words = cause.to_string();
-        if !text.contains(&words) {
-            text = format!("{}: {words}", text.trim_end_matches('.'));
-        }
-        behind = cause.source();
-    }
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn main() -> ExitCode {

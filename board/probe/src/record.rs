@@ -7,7 +7,8 @@
 //! memory and written when all of it is there: a recording that failed leaves no file.
 
 use crate::log::{PAUSE, PIECE, log_table, meet, send};
-use crate::{Result, chip, image, whole};
+use crate::failure::{Result, whole};
+use crate::{chip, image};
 use defmt_decoder::DecodeError;
 use std::io::Write;
 use std::path::Path;

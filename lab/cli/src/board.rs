@@ -5,6 +5,7 @@
 //! by `hysteron-board`, which needs another compiler; both are built apart.
 
 mod attach;
+mod connection;
 mod envelope;
 mod record;
 mod record_over_probe;
@@ -15,22 +16,16 @@ mod tune;
 mod update;
 mod upload;
 
-use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand};
-use hysteron::servo::amplifier_block::FrontEnd;
+use clap::{CommandFactory, Parser, Subcommand};
+use connection::{LineArguments, WiringArguments};
 use hysteron::{Error, Result};
 use hysteron_browser::local_server::ANY_PORT;
-use hysteron_client::board::Board;
-use hysteron_client::port::Address;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 use crate::arguments::SensorSaid;
-use crate::desk::Desk;
-
-/// The line's speed over a cable unless another one is asked for, bit/s.
-const CABLE_BAUD: u32 = 921_600;
 
 /// Work with the amplifier's board over its serial port
 #[derive(Parser)]
@@ -218,96 +213,6 @@ enum BoardCommand {
         /// Options of `hysteron-board emulate`, as --tcp 127.0.0.1:50000
         words: Vec<String>,
     },
-}
-
-/// Where the board is.
-#[derive(Args, Clone, Debug)]
-#[group(skip)]
-#[command(group(ArgGroup::new("where").required(true).args(["port", "tcp"])))]
-struct LineArguments {
-    /// Serial port of this machine, /dev/ttyACM0 or COM3
-    #[arg(long, value_name = "PORT")]
-    port: Option<String>,
-    /// A socket: the emulated board, or a serial port behind a bridge
-    #[arg(long, value_name = "HOST:PORT")]
-    tcp: Option<String>,
-    /// Speed of the line, bit/s [default: 921600 over a serial port; over a socket it stays at 115200]
-    #[arg(long, value_name = "BAUD")]
-    baud: Option<u32>,
-}
-
-impl LineArguments {
-    /// The speed to change to.
-    fn baud(&self) -> Option<u32> {
-        self.baud.or(self.port.is_some().then_some(CABLE_BAUD))
-    }
-
-    /// Where the board is.
-    fn address(&self) -> Result<Address> {
-        match (&self.port, &self.tcp) {
-            (Some(name), _) => Ok(Address::Serial(name.clone())),
-            (None, Some(name)) => Address::tcp(name).map_err(of_board),
-            (None, None) => Err(Error::new(
-                "--port, --tcp",
-                "one of them is needed: where the board is",
-            )),
-        }
-    }
-
-    fn connect(&self) -> Result<Board> {
-        Board::connect(&self.address()?, self.baud()).map_err(of_board)
-    }
-}
-
-/// What the actuator and its converters are.
-#[derive(Args, Clone, Debug)]
-struct WiringArguments {
-    /// How the converters are wired, as for `hysteron design` [default: that of the wiring page]
-    #[arg(long, value_name = "FILE")]
-    front_end: Option<PathBuf>,
-    /// Lowest drive of the actuator, V
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        value_name = "V",
-        allow_negative_numbers = true
-    )]
-    drive_min_v: f64,
-    /// Highest drive of the actuator, V
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    drive_max_v: Option<f64>,
-}
-
-impl WiringArguments {
-    fn front_end(&self, desk: &Desk) -> Result<FrontEnd> {
-        match &self.front_end {
-            Some(path) => FrontEnd::from_toml(
-                &desk.text(path, "the wiring of the converters")?,
-                &path.display().to_string(),
-            ),
-            None => Ok(FrontEnd::default()),
-        }
-    }
-
-    /// The limits of the drive.
-    fn limits_v(&self) -> Result<(f64, f64)> {
-        match self.drive_max_v {
-            Some(high_v) if self.drive_min_v < high_v => Ok((self.drive_min_v, high_v)),
-            Some(high_v) => Err(Error::new(
-                "--drive-max-v",
-                format!("{high_v} is not above --drive-min-v {}", self.drive_min_v),
-            )),
-            None => Err(Error::new(
-                "--drive-max-v",
-                "is needed: the highest voltage that the actuator stands; nothing on the board knows it",
-            )),
-        }
-    }
-}
-
-/// A conversation's error as the program's.
-fn of_board(problem: hysteron_client::Error) -> Error {
-    Error::new(problem.place(), problem.message())
 }
 
 /// What a command needs that another program does, where it is not there.

@@ -1,7 +1,7 @@
 //! Work of the library on a thread of its own, without Python's lock, while the thread that called looks for
 //! Ctrl-C.
 
-use crate::raised;
+use crate::exchange::raised;
 use hysteron::watch::{Watch, WatchEvent};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;

@@ -1,6 +1,6 @@
 //! Data sets of arrays and of files.
 
-use crate::{bytes, numbers, raised, wrong};
+use crate::exchange::{bytes, numbers, raised, wrong};
 use hysteron::dataset::column_rules::ColumnRules;
 use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;

@@ -2,7 +2,7 @@
 
 use crate::at_work::at_work;
 use crate::dataset::{Dataset, auxiliary_signals, initial_state};
-use crate::{bytes, numbers, raised, wrong};
+use crate::exchange::{bytes, numbers, raised, wrong};
 use hysteron::export::{Language, export_from};
 use hysteron::identification::fit;
 use hysteron::model_file;

@@ -2,8 +2,8 @@
 
 use crate::at_work::at_work;
 use crate::dataset::Dataset;
+use crate::exchange::{raised, wrong};
 use crate::model::Model;
-use crate::{raised, wrong};
 use hysteron::analyse::{Options, Outcome as Found, Start, analyse};
 use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::figures::{FitFigures, fit_figures};

@@ -1,7 +1,7 @@
 //! Servos at work: on a model, on a function of Python as the plant, or tick by tick.
 
+use crate::exchange::{raised, wrong};
 use crate::model::Model;
-use crate::{raised, wrong};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::track::RunningServo;
 use hysteron::servo::work::{follow, follow_plant};

@@ -2,7 +2,7 @@
 
 use crate::at_work::at_work;
 use crate::dataset::Dataset;
-use crate::{raised, wrong};
+use crate::exchange::{raised, wrong};
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::survey::{Survey, SurveyRow};
 use hysteron::{effects_named, survey};

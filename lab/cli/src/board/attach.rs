@@ -1,6 +1,6 @@
 //! `board send` and `board attach`: lines as a person types them.
 
-use super::{LineArguments, of_board};
+use super::connection::{LineArguments, as_ours};
 use hysteron::{Error, Result};
 use std::io::{BufRead, Write};
 use std::sync::mpsc::{TryRecvError, channel};
@@ -18,9 +18,9 @@ pub fn send(commands: &[String], line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
     for command in commands {
         if is_answered(command) {
-            print!("{}", board.ask(command).map_err(of_board)?);
+            print!("{}", board.ask(command).map_err(as_ours)?);
         } else {
-            board.tell(command).map_err(of_board)?;
+            board.tell(command).map_err(as_ours)?;
         }
     }
     Ok(true)
@@ -46,7 +46,7 @@ pub fn attach(line: &LineArguments) -> Result<bool> {
         }
     });
     loop {
-        let came = board.receive().map_err(of_board)?;
+        let came = board.receive().map_err(as_ours)?;
         let mut out = std::io::stdout().lock();
         out.write_all(&came)
             .and_then(|()| out.flush())
@@ -54,7 +54,7 @@ pub fn attach(line: &LineArguments) -> Result<bool> {
         match lines.try_recv() {
             Ok(line) => board
                 .send(format!("{line}\n").as_bytes())
-                .map_err(of_board)?,
+                .map_err(as_ours)?,
             Err(TryRecvError::Empty) => {}
             // What was asked last may still be on its way.
             Err(TryRecvError::Disconnected) if came.is_empty() => return Ok(true),

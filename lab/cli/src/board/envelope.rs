@@ -1,7 +1,7 @@
 //! `board envelope`: what the board may do to the actuator, from a file to the board's flash, by a command
 //! that names its checksum.
 
-use super::{LineArguments, of_board};
+use super::connection::{LineArguments, as_ours};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
 use hysteron_core::codes::DriveCode;
@@ -274,7 +274,7 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
                 fingerprint(&envelope),
                 line.baud(),
             )
-            .map_err(of_board)?;
+            .map_err(as_ours)?;
             println!("the board has it, and has restarted with it");
             Ok(true)
         }

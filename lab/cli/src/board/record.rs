@@ -1,6 +1,6 @@
 //! `board record`: drives that the board plays, as a data set.
 
-use super::{LineArguments, WiringArguments, of_board};
+use super::connection::{LineArguments, WiringArguments, as_ours};
 use crate::desk::Desk;
 use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
@@ -27,10 +27,7 @@ pub fn record(
     // Their names do not depend on the limits.
     desk.folder_to_be(out, &names(&board_drives(0.0, 1.0)))?;
     let mut board = line.connect()?;
-    if Condition::ask(&mut board)
-        .map_err(of_board)?
-        .without_block()
-    {
+    if Condition::ask(&mut board).map_err(as_ours)?.without_block() {
         let (low_v, high_v) = wiring.limits_v()?;
         bring_wiring(
             &mut board,
@@ -38,11 +35,11 @@ pub fn record(
             line,
         )?;
     }
-    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    let scale = Scale::ask(&mut board).map_err(as_ours)?;
     let drives = board_drives(scale.drive_min_v, scale.drive_max_v);
     require_room(&scale, &drives)?;
     desk.make_folder(out)?;
-    board.condition().map_err(of_board)?;
+    board.condition().map_err(as_ours)?;
     let records = play_all(&mut board, &drives)?;
     write(&desk, out, &scale, &drives, &records)?;
     println!(
@@ -54,7 +51,7 @@ pub fn record(
 
 /// Brings a block that knows the converters and no servo.
 pub fn bring_wiring(board: &mut Board, block: &[u8], line: &LineArguments) -> Result<()> {
-    hysteron_client::upload::upload(board, block, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(board, block, line.baud()).map_err(as_ours)?;
     println!("a block without a servo tells the board its converters and the limits of the drive");
     Ok(())
 }
@@ -112,7 +109,7 @@ pub fn names(drives: &[DriveOfRecord]) -> Vec<String> {
 /// Plays the drives one after the other from rest.
 pub fn play_all(board: &mut Board, drives: &[DriveOfRecord]) -> Result<Vec<Recorded>> {
     // As the zero is now.
-    let scale = Scale::ask(board).map_err(of_board)?;
+    let scale = Scale::ask(board).map_err(as_ours)?;
     let mut records = Vec::with_capacity(drives.len());
     for drive in drives {
         let seconds = drive.drive_v.len() as f64 / drive.rate_hz;
@@ -131,7 +128,7 @@ fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Rec
         return Ok(Recorded::default());
     };
     if drive.drive_v.iter().all(|v| v == first) {
-        return listen(board, scale, ticks_per_point, drive.drive_v.len()).map_err(of_board);
+        return listen(board, scale, ticks_per_point, drive.drive_v.len()).map_err(as_ours);
     }
     let all = drive.drive_v.len();
     let points = cycle_points(drive);
@@ -146,7 +143,7 @@ fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Rec
         ticks_per_point,
         cycles: (all / points) as u32,
     };
-    play(board, scale, &wave).map_err(of_board)
+    play(board, scale, &wave).map_err(as_ours)
 }
 
 /// Time, drive and position as CSV with their units, and the reference where there is one.

@@ -1,13 +1,13 @@
 //! `board status`.
 
-use super::{LineArguments, of_board};
+use super::connection::{LineArguments, as_ours};
 use hysteron::Result;
 use hysteron_client::condition::Condition;
 
 /// Says how the board is, in words and units.
 pub fn status(line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
-    let condition = Condition::ask(&mut board).map_err(of_board)?;
+    let condition = Condition::ask(&mut board).map_err(as_ours)?;
     println!("{}", board.identification);
     match condition.fault {
         Some(fault) => println!("  {}: {fault}", condition.mode),

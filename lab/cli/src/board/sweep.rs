@@ -1,8 +1,8 @@
 //! `board sweep`: exponential sines that the board plays, as a data set, and what they show: transfer function
 //! and distortion.
 
+use super::connection::{LineArguments, WiringArguments, as_ours};
 use super::record::{bring_wiring, names, play_all, require_room, write};
-use super::{LineArguments, WiringArguments, of_board};
 use crate::desk::Desk;
 use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
@@ -54,10 +54,7 @@ pub fn sweep(
         wiring.limits_v()?;
     }
     let mut board = line.connect()?;
-    if Condition::ask(&mut board)
-        .map_err(of_board)?
-        .without_block()
-    {
+    if Condition::ask(&mut board).map_err(as_ours)?.without_block() {
         let (low_v, high_v) = wiring.limits_v()?;
         bring_wiring(
             &mut board,
@@ -65,7 +62,7 @@ pub fn sweep(
             line,
         )?;
     }
-    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    let scale = Scale::ask(&mut board).map_err(as_ours)?;
     let bands = bands_of(wanted, &scale)?;
     let drives = drives(&bands, wanted, &scale)?;
     require_room(&scale, &drives)?;
@@ -73,7 +70,7 @@ pub fn sweep(
     files.push(RESPONSE.to_string());
     desk.folder_to_be(out, &files)?;
     desk.make_folder(out)?;
-    board.condition().map_err(of_board)?;
+    board.condition().map_err(as_ours)?;
     let records = play_all(&mut board, &drives)?;
     write(&desk, out, &scale, &drives, &records)?;
     // From the slowest band to the fastest; of each pair of records the first is the sine that was asked for.

@@ -1,7 +1,7 @@
 //! `board tune`: from an empty board to a running servo, with a report of all that was found on the way.
 
+use super::connection::{LineArguments, WiringArguments, as_ours};
 use super::record::{bring_wiring, names, play_all, require_room, write};
-use super::{LineArguments, WiringArguments, of_board};
 use crate::arguments::as_typed;
 use crate::desk::Desk;
 use crate::progress::Progress;
@@ -184,11 +184,11 @@ pub fn tune(
 
     println!("{}", board.identification);
     bring_wiring(&mut board, &empty, line)?;
-    require_room(&Scale::ask(&mut board).map_err(of_board)?, &drives)?;
+    require_room(&Scale::ask(&mut board).map_err(as_ours)?, &drives)?;
     println!("conditioning");
-    board.condition().map_err(of_board)?;
+    board.condition().map_err(as_ours)?;
     let records = play_all(&mut board, &drives)?;
-    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    let scale = Scale::ask(&mut board).map_err(as_ours)?;
     write(&desk, &recording, &scale, &drives, &records)?;
 
     let designed = design(&desk, &recording, &front_end, wanted)?;
@@ -209,10 +209,10 @@ pub fn tune(
     }
 
     println!("bringing the block");
-    hysteron_client::upload::upload(&mut board, &designed.block, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(&mut board, &designed.block, line.baud()).map_err(as_ours)?;
     println!("conditioning");
-    board.condition().map_err(of_board)?;
-    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    board.condition().map_err(as_ours)?;
+    let scale = Scale::ask(&mut board).map_err(as_ours)?;
     let (reference_um, on_reference, on_sine) = verify(&mut board, &scale, &designed)?;
     let good = on_reference.over_noise <= ACCEPTED;
     let verdict = verdict(&on_reference, &on_sine, &designed, good);
@@ -354,9 +354,9 @@ fn verify(
             "SVO 1 1".to_string(),
             format!("VEL 1 {:.3}", VELOCITY_SHARE * travel_um),
         ])
-        .map_err(of_board)?;
+        .map_err(as_ours)?;
     go(board, middle_um)?;
-    let stays = listen(board, scale, 1, SAMPLES_ON_REFERENCE).map_err(of_board)?;
+    let stays = listen(board, scale, 1, SAMPLES_ON_REFERENCE).map_err(as_ours)?;
     let reference = vec![middle_um; stays.position_um.len()];
     let on_reference = Followed::new(
         stays.sample_rate_hz,
@@ -379,7 +379,7 @@ fn verify(
         ticks_per_point: 1,
         cycles: SINE_PERIODS,
     };
-    let follows = play(board, scale, &wave).map_err(of_board)?;
+    let follows = play(board, scale, &wave).map_err(as_ours)?;
     // The record begins two ticks behind the first point, which counts after the window that the servo looks
     // ahead.
     let from = SINE_TICKS;
@@ -407,10 +407,10 @@ fn verify(
 fn go(board: &mut Board, position_um: f64) -> Result<()> {
     board
         .tell(&format!("MOV 1 {position_um:.6}"))
-        .map_err(of_board)?;
+        .map_err(as_ours)?;
     let mut begin = None;
     loop {
-        let state = board.numbers("DIA? 1 10").map_err(of_board)?;
+        let state = board.numbers("DIA? 1 10").map_err(as_ours)?;
         let [mode, tick] = state[..] else {
             return Err(Error::new("DIA?", "the board answers something else"));
         };
@@ -420,7 +420,7 @@ fn go(board: &mut Board, position_um: f64) -> Result<()> {
                 "a fault has opened the loop; `hysteron board status` names it",
             ));
         }
-        if board.number("ONT? 1").map_err(of_board)? == 1.0 {
+        if board.number("ONT? 1").map_err(as_ours)? == 1.0 {
             return Ok(());
         }
         if tick - *begin.get_or_insert(tick) > MOST_TICKS_OF_A_MOVE {

@@ -1,6 +1,6 @@
 //! `board update`, `board sign` and `board boot-sector`.
 
-use super::{LineArguments, of_board};
+use super::connection::{LineArguments, as_ours};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
 use hysteron_client::image::{FirmwareImage, boot_sector, key_bytes};
@@ -93,8 +93,8 @@ pub fn update(image: &Path, code: &str, line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
     println!("the board runs {}", board.identification);
     let mut report = report();
-    bring(&mut board, &firmware, &code, &mut report).map_err(of_board)?;
-    let identification = install(&mut board, line.baud(), &mut report).map_err(of_board)?;
+    bring(&mut board, &firmware, &code, &mut report).map_err(as_ours)?;
+    let identification = install(&mut board, line.baud(), &mut report).map_err(as_ours)?;
     println!("the board runs {identification}; next: arm (ARM 1 1) and condition (ATZ 1)");
     Ok(true)
 }

@@ -1,6 +1,6 @@
 //! `board upload`.
 
-use super::{LineArguments, of_board};
+use super::connection::{LineArguments, as_ours};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
 use hysteron::servo::amplifier_block::read_block;
@@ -16,14 +16,14 @@ pub fn upload(block: &Path, swap: bool, line: &LineArguments) -> Result<bool> {
     read_block(&bytes).map_err(|problem| wrong(block, problem.reason()))?;
     let mut board = line.connect()?;
     if swap {
-        hysteron_client::upload::swap(&mut board, &bytes).map_err(of_board)?;
+        hysteron_client::upload::swap(&mut board, &bytes).map_err(as_ours)?;
         println!(
             "{} runs until the next restart, which takes the block in the flash",
             block.display()
         );
         return Ok(true);
     }
-    hysteron_client::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(&mut board, &bytes, line.baud()).map_err(as_ours)?;
     println!(
         "{} is in use; next: condition (ATZ 1), then close the loop at rest (SVO 1 1)",
         block.display()

@@ -517,7 +517,12 @@ mod tests {
         let end = SEARCHED_SAMPLES / 2;
         assert_eq!(parts.later, Some(end..triangles.len()), "{:?}", parts.notes);
         assert!(parts.windows.iter().all(|(_, w)| w.end <= end));
-        assert!(parts.notes.iter().any(|n| n.contains("100 % of what is later")));
+        assert!(
+            parts
+                .notes
+                .iter()
+                .any(|n| n.contains("100 % of what is later"))
+        );
         // What only comes later lengthens the beginning.
         let larger: Vec<f64> = triangles.iter().map(|v| 2.0 * v).collect();
         let parts = parts_of(&[&triangles[..end], &larger].concat());

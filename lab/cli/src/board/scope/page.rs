@@ -1,9 +1,9 @@
 //! What a page asks, and what it is answered.
 
 use super::block::{Drawn, ScopeBlock};
-use super::{HELD_BLOCKS, Scope, Seen, WINDOWS};
+use super::seen::{HELD_BLOCKS, Scope, Seen, WINDOWS};
 use hysteron_browser::local_server::{JSON, PAGE, Reply, TEXT, parameter};
-use hysteron_client::condition::what_to_do;
+use hysteron_client::fault::what_to_do;
 use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -1,6 +1,7 @@
 //! The conversation with the board: block after block, and values of now in between.
 
-use super::{GLANCES, NEWEST_BLOCKS, Scope, ScopeBlock, Seen, WINDOWS};
+use super::block::ScopeBlock;
+use super::seen::{FIRST_WINDOW, GLANCES, NEWEST_BLOCKS, Scope, Seen, WINDOWS};
 use hysteron_client::board::Board;
 use hysteron_client::condition::Condition;
 use hysteron_client::port::Address;
@@ -106,7 +107,7 @@ fn take_block(
     let window = WINDOWS
         .get(scope.seen().window)
         .copied()
-        .unwrap_or(WINDOWS[super::FIRST_WINDOW]);
+        .unwrap_or(WINDOWS[FIRST_WINDOW]);
     let mut looked = Instant::now();
     let mut between = |board: &mut Board| {
         started_without_stop.get_or_insert(scope.stops() == stops);
