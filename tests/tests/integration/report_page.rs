@@ -150,6 +150,7 @@ fn demonstration() -> ExplainReport {
                    fitted falls from 21 nm to 5.9 nm."
             .into(),
         named: vec!["creep".into()],
+        named_rms_um: None,
         records: made.iter().map(|(r, _)| r.clone()).collect(),
         noise_floor: Some(NoiseFloorReport {
             rms_um: NOISE_UM,
