@@ -32,8 +32,9 @@ use crate::servo_parameters::{
 };
 use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
-use crate::stepping;
-use crate::stepping_parameters::{ENCODER_BITS, IfStepping, STEPPING_BYTES, SteppingParameters};
+use crate::stepping_parameters::{
+    self, ENCODER_BITS, IfStepping, STEPPING_BYTES, SteppingParameters,
+};
 use crate::wire::{BlockError, Reader, Wire, Writer, wire_struct};
 
 /// First bytes of a block.
@@ -773,7 +774,7 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
         }
     }
     if let Some(stepping) = parameters.stepping.get() {
-        stepping::verify(&parameters.servo, stepping).map_err(BlockError::Range)?;
+        stepping_parameters::verify(&parameters.servo, stepping).map_err(BlockError::Range)?;
     }
     if !parameters.knows_its_loop() {
         return Err(BlockError::Range(

@@ -36,11 +36,11 @@ use crate::servo_tick::ServoTick;
 use crate::signal::{
     MICROMETRE_FRACTION_BITS, Micrometres, TRAVEL_FRACTION_BITS, Travel, saturate,
 };
-use crate::stepping_parameters::{ENCODER_BITS, FLANK_FRACTION_BITS, SteppingParameters};
+use crate::stepping_parameters::{
+    ENCODER_BITS, FLANK_FRACTION_BITS, MOST_TICKS, SteppingParameters,
+};
 use crate::swing_watch::SwingWatch;
 
-/// Longest flank: its ticks have room above [`FLANK_FRACTION_BITS`].
-const MOST_TICKS: u64 = (1 << (32 - FLANK_FRACTION_BITS)) - 1;
 /// A flank that a limit of the slew holds back may last so many times its ticks.
 const LATE_FLANK: u32 = 8;
 
@@ -584,54 +584,6 @@ impl Stepper {
     }
 }
 
-/// What of the parameters contradicts the servo's, or itself.
-///
-/// # Errors
-/// That.
-pub fn verify(servo: &ServoParameters, p: &SteppingParameters) -> Result<(), &'static str> {
-    let c = &servo.converters;
-    if servo.learning.is_some() || servo.adaptation.is_some() {
-        return Err("a stick-slip drive learns neither a correction nor its gain");
-    }
-    if !(c.dac_code_min <= p.low && p.low < p.high && p.high <= c.dac_code_max) {
-        return Err(
-            "ends of the teeth; expected two codes within the drive's limits, the lower first",
-        );
-    }
-    if !(8..=20).contains(&c.adc_bits) {
-        return Err("window of the fine law; expected 8 to 20 bits");
-    }
-    if !(1..1 << 46).contains(&p.encoder_step) || p.encoder_step != c.adc_step {
-        return Err("step of the encoder; expected that of the fine law, above zero");
-    }
-    // um (40) -> um (24)
-    let half_window = p
-        .encoder_step
-        .checked_mul(1 << (c.adc_bits - 1))
-        .map(|wide| wide >> 16);
-    let middle = half_window.map(|half| half.saturating_add(i64::from(c.adc_zero)));
-    // The rounding of the step, over half the codes.
-    if middle.is_none_or(|off| off.unsigned_abs() > 1 << 12) {
-        return Err("zero of the fine law; expected the middle of its window");
-    }
-    let reach = i64::from(p.reach.to_bits()) << (MICROMETRE_FRACTION_BITS - TRAVEL_FRACTION_BITS);
-    if reach <= 0 || half_window.is_none_or(|half| 2 * reach > half) {
-        return Err("reach; expected above zero and at most a quarter of the fine law's window");
-    }
-    if [p.slow_ticks, p.fast_ticks, p.fine_ticks, p.stall_teeth].contains(&0)
-        || u32::from(p.curvature) > 1 << FLANK_FRACTION_BITS
-    {
-        return Err("flanks; expected ticks and teeth above zero and a curvature of at most 1");
-    }
-    let positive = [p.lead, p.least_step, p.tolerance];
-    if positive.iter().any(|v| *v <= 0) || p.end_zone < 0 || p.travel_min >= p.travel_max {
-        return Err(
-            "travel; expected its lower end first, and lead, least step and tolerance above zero",
-        );
-    }
-    Ok(())
-}
-
 #[cfg(all(test, feature = "stepping"))]
 mod tests {
     extern crate std;
@@ -641,7 +593,7 @@ mod tests {
     use crate::guard::GuardParameters;
     use crate::parameter_block::tests::example;
     use crate::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
-    use crate::stepping_parameters::{IfStepping, STEPPING_BYTES};
+    use crate::stepping_parameters::{IfStepping, STEPPING_BYTES, verify};
     use crate::wire::{Wire, Writer};
     use proptest::prelude::*;
     use std::vec::Vec;
