@@ -13,7 +13,7 @@
 //! | fine | the law brings the slider to the target, from where both stand | a law that stays at a limit of the drive asks for one more tooth, which moves the drive to its other end |
 //! | holding | the drive rests; with a velocity, teeth follow the moving target | where the target stands still |
 //!
-//! [`crate::amplifier`] closes and opens it as any loop: the servo, the guard and the limits are those of
+//! The amplifier closes and opens it as any loop: the servo, the guard and the limits are those of
 //! every block.
 //!
 //! # The encoder

@@ -21,6 +21,8 @@ pub mod circumstances;
 pub mod column_rules;
 mod data_set;
 pub mod drive_variety;
+#[cfg(feature = "readers")]
+mod even_signals;
 #[cfg(feature = "files")]
 pub mod folder;
 pub mod holds;

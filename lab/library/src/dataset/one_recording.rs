@@ -7,11 +7,11 @@
 //! fitted, the other held out, in turns, so that every kind of motion is on both sides. The drive moves in
 //! every part.
 
-use super::circumstances::Circumstances;
+use super::circumstances::{Circumstances, SEARCHED_SAMPLES};
 use super::data_set::SAMPLES_MIN;
+use super::even_signals::Even;
 use super::holds::holds;
 use super::motion_sections::{Section, moves, runs_of_steps, sections};
-use super::reading::Even;
 use super::record::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use hysteron_sim::chain::InitialState;
@@ -29,11 +29,6 @@ const JUMP: f64 = 0.2;
 const JUMPS_MAX: usize = 2;
 /// A hold begins or ends a recording where so small a part of it is before or behind.
 const BEGINNING: usize = 50;
-
-/// Of a recording that is longer, the beginning is searched and fitted, from half as much on as far as it
-/// shows what the rest does. Every set of effects simulates the fitted samples and all before them some
-/// thirty times: a search of 1.2 million samples ended at 34 times the noise.
-pub const SEARCHED_SAMPLES: usize = 120_000;
 
 /// The parts of one recording, and the notes on them.
 #[derive(Clone, Debug, PartialEq)]

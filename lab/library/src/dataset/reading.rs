@@ -3,6 +3,7 @@
 use super::behaviour::rows_between_news;
 use super::column_rules::ColumnRules;
 use super::data_set::{Dataset, SAMPLES_MIN};
+use super::even_signals::Even;
 use super::issue::Issue;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
@@ -17,7 +18,6 @@ use super::units::SignalUnits;
 use crate::error::{Error, Result};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
-use hysteron_sim::effect::AuxiliarySignal;
 use hysteron_sim::intersample::Intersample;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -208,19 +208,6 @@ fn name_beside(name: &str, earlier: &[Record]) -> String {
         .map(|n| format!("{name}_{n}"))
         .find(|name| !taken(name))
         .unwrap_or_default()
-}
-
-/// Signals at even times.
-pub(super) struct Even {
-    pub sample_rate_hz: f64,
-    pub start_s: f64,
-    pub u_v: Vec<f64>,
-    pub y_um: Vec<f64>,
-    pub force_n: Option<Vec<f64>>,
-    pub auxiliary: Vec<AuxiliarySignal>,
-    pub units: SignalUnits,
-    /// What was assumed and mended.
-    pub notes: Vec<String>,
 }
 
 /// The signals of a table at even times.

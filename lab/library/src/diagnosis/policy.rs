@@ -1,6 +1,6 @@
 //! Every threshold of the decision, with the reason for its value.
 
-use crate::dataset::one_recording::SEARCHED_SAMPLES;
+use crate::dataset::circumstances::SEARCHED_SAMPLES;
 use crate::error::{Error, Result, line_of};
 use serde::Deserialize;
 

@@ -2,9 +2,10 @@
 //! sample by sample, by bisection on a copy of their memory. Modes, sensor and what depends on the rate are
 //! left out: they are the feedback's.
 
+use super::c;
+use super::language::Language;
 use super::laws::{Dialect, uses};
 use super::text::{cannot, described, fitted, identifier, number};
-use super::{Language, c};
 use crate::error::{Error, Result};
 use hysteron_sim::block::BlockChain;
 use hysteron_sim::chain::Model;

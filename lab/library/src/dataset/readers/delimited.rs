@@ -3,9 +3,9 @@
 //! The rows of numbers are found from the end of the file, where no header is; what stands above them is read
 //! as a header.
 
-use super::Hints;
 use super::dialect::{Separator, number, separator_of};
 use super::header::{self, Header, HeaderLine};
+use super::hints::{FORMATS, Hints};
 use super::text_encoding::decode;
 use crate::dataset::table::{Column, Table};
 use crate::error::{Error, Result};
@@ -34,7 +34,7 @@ struct Form {
 /// No text, no rows of numbers, rows that are ragged or hold text or NaN: with the row, counted from 1, and
 /// the column.
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
-    let (text, assumed) = decode(place, bytes, super::FORMATS)?;
+    let (text, assumed) = decode(place, bytes, FORMATS)?;
     let lines: Vec<HeaderLine> = text
         .lines()
         .enumerate()

@@ -10,6 +10,7 @@ pub mod foreign;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod header;
+mod hints;
 mod matlab5;
 mod named_arrays;
 mod numpy;
@@ -27,15 +28,7 @@ mod zstandard_pages;
 use super::table::Table;
 use crate::error::{Error, Result};
 
-/// Formats that are read, for messages.
-pub const FORMATS: &str = "CSV or other text in columns, NPY, NPZ, MATLAB (MAT), HDF5, TDMS, Parquet, Feather, XLSX or WAV";
-
-/// What a file may say about itself that its name and bytes do not.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Hints {
-    /// Rows of text to leave out at the top.
-    pub skip_rows: usize,
-}
+pub use hints::{FORMATS, Hints};
 
 /// First bytes of HDF5, also where another header stands before them (MATLAB 7.3).
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";

@@ -1,6 +1,7 @@
 //! XLSX: the first sheet that holds columns of numbers, read as text would be.
 
-use super::{Hints, delimited, packed};
+use super::hints::Hints;
+use super::{delimited, packed};
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
 use calamine::{Cell, Data, DataRef, Range, Reader, Xlsx, XlsxError, open_workbook_from_rs};
