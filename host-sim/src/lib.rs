@@ -16,6 +16,8 @@
 mod balance_law;
 pub mod bench;
 pub mod block;
+pub mod block_chain;
+mod block_laws;
 pub mod chain;
 pub mod closed_loop;
 pub mod converter_scale;

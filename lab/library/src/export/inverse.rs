@@ -7,7 +7,7 @@ use super::language::Language;
 use super::laws::{Dialect, uses};
 use super::text::{cannot, described, fitted, identifier, number};
 use crate::error::{Error, Result};
-use hysteron_sim::block::BlockChain;
+use hysteron_sim::block_chain::BlockChain;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{Place, rate_dependence};
 use hysteron_sim::intersample::Intersample;

@@ -20,7 +20,7 @@ pub use language::Language;
 use crate::dataset::timing::Timing;
 use crate::error::{Error, Result};
 use crate::origin::{Initial, Way};
-use hysteron_sim::block::BlockChain;
+use hysteron_sim::block_chain::BlockChain;
 use hysteron_sim::chain::Model;
 use hysteron_sim::intersample::Intersample;
 use text::{Exported, cannot, identifier};

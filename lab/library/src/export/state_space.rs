@@ -7,7 +7,8 @@
 use super::text::cannot;
 use crate::error::{Error, Result};
 use crate::loop_figures::loop_figures;
-use hysteron_sim::block::{Block, BlockChain};
+use hysteron_sim::block::Block;
+use hysteron_sim::block_chain::BlockChain;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{
     Place, amplifier_bandwidth, by_id, creep, delay, gain, mass_change, second_mode,

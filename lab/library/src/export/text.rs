@@ -2,7 +2,7 @@
 
 use crate::engineering::{four, with_deviation};
 use crate::error::Error;
-use hysteron_sim::block::{BlockChain, NoBlocks};
+use hysteron_sim::block_chain::{BlockChain, NoBlocks};
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use hysteron_sim::intersample::Intersample;
