@@ -101,7 +101,8 @@ impl Interval {
 struct Curve {
     /// It begins here, at what stands still.
     from: f64,
-    /// Cubic polynomials around equidistant distances, in which it is continuous with its slope.
+    /// Cubic polynomials around equidistant distances, in which it is continuous with its slope; where the last
+    /// one would be, all but so much is gone.
     pieces: Vec<[f64; 4]>,
     /// From farther away all but so much is gone.
     left: f64,
@@ -135,7 +136,7 @@ impl Curve {
         let pieces = (left - STILL.ln() - from) * Self::PIECES;
         Self {
             from,
-            pieces: (0..pieces as usize).map(piece).collect(),
+            pieces: (0..=pieces as usize).map(piece).collect(),
             left,
         }
     }
@@ -145,17 +146,19 @@ impl Curve {
     fn follow(&self, z: f64, x: f64, [width, per_width]: [f64; 2]) -> f64 {
         let distance = ((x - z) * per_width).abs();
         let at = (distance - self.from) * Self::PIECES;
-        if at < 0.0 {
-            return z;
-        }
-        let whole = at.min(self.pieces.len() as f64) + Self::WHOLE;
-        let gone = match self.pieces.get(whole.to_bits() as u32 as usize) {
-            Some([a, b, c, d]) => {
-                let u = at - (whole - Self::WHOLE);
-                a + u * (b + u * (c + u * d))
-            }
-            None => distance - self.left,
+        // No jump on the way, so that plays are followed side by side.
+        let farthest = (self.pieces.len() - 1) as f64;
+        let whole = at.clamp(0.0, farthest) + Self::WHOLE;
+        let [a, b, c, d] = self.pieces[whole.to_bits() as u32 as usize];
+        let nearest = whole - Self::WHOLE;
+        let u = at - nearest;
+        let near = a + u * (b + u * (c + u * d));
+        let gone = if nearest < farthest {
+            near
+        } else {
+            distance - self.left
         };
+        let gone = if at < 0.0 { 0.0 } else { gone };
         z + (gone * width).copysign(x - z)
     }
 }
