@@ -1,4 +1,4 @@
-//! What an amplifier is told, and why it refuses.
+//! Commands of the amplifier, and why it refuses one.
 
 use crate::reference_generator::Waveform;
 use crate::signal::{Micrometres, Travel, Volts};

@@ -49,11 +49,14 @@ struct Arguments {
 enum Command {
     /// Identify, compare, diagnose, add effects until the noise floor: the main job
     #[command(
-        after_help = "Examples:\n  hysteron explain recording.mat\n  hysteron explain my_stage --from hysteresis,initial_curve,vibration --out model.toml --report explain.html"
+        after_help = "Examples:\n  hysteron explain recording.mat\n  hysteron explain fitted.csv --held-out judging.csv\n  hysteron explain my_stage --from hysteresis,initial_curve,vibration --out model.toml --report explain.html"
     )]
     Explain {
         /// Folder with dataset.toml, a manifest, or one file of numbers (docs/reference/formats.md)
         dataset: PathBuf,
+        /// Another file of numbers, which judges: the first is then fitted as a whole
+        #[arg(long, value_name = "FILE")]
+        held_out: Option<PathBuf>,
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
         from: String,
@@ -557,11 +560,11 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
-            if axes::is_of_several_axes(&dataset) {
+        Command::Explain { dataset, held_out, from, search, verbose, time, animation, reading, outputs } => {
+            if held_out.is_none() && axes::is_of_several_axes(&dataset) {
                 return axes::explain(&dataset, None, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
             }
-            let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
+            let wanted = explain::ExplainRequest { held_out: held_out.as_deref(), from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {

@@ -69,6 +69,23 @@ impl Desk {
         self.dataset_as(path, &reading.instructions()?)
     }
 
+    /// The same, or a file of numbers that is fitted and another one that judges.
+    pub fn dataset_with(
+        &self,
+        path: &Path,
+        held_out: Option<&Path>,
+        reading: &ReadArguments,
+    ) -> Result<Dataset> {
+        match held_out {
+            Some(held_out) => Ok(self.taken_in(folder::load_two_as(
+                path,
+                held_out,
+                &reading.instructions()?,
+            )?)),
+            None => self.dataset(path, reading),
+        }
+    }
+
     /// The same as the records of a model were read, in all that nobody specifies.
     pub fn dataset_beside(
         &self,
@@ -81,14 +98,18 @@ impl Desk {
     }
 
     fn dataset_as(&self, path: &Path, instructions: &Instructions) -> Result<Dataset> {
-        let dataset = folder::load_as(path, instructions)?;
+        Ok(self.taken_in(folder::load_as(path, instructions)?))
+    }
+
+    /// A data set whose files are not written, and in whose units lines are.
+    fn taken_in(&self, dataset: Dataset) -> Dataset {
         let sources =
             std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
         self.read
             .borrow_mut()
             .extend(sources.map(|source| canonical(Path::new(source))));
         screen::speak_in(&dataset.units);
-        Ok(dataset)
+        dataset
     }
 
     /// A model that the program has written.

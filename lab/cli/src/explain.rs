@@ -16,6 +16,8 @@ use std::time::Instant;
 
 /// What is asked of a run beside the data.
 pub struct ExplainRequest<'a> {
+    /// The file that judges, where the data set is one file that is fitted.
+    pub held_out: Option<&'a Path>,
     /// Effects to start from.
     pub from: &'a str,
     /// How the search goes.
@@ -36,6 +38,7 @@ pub fn explain(
     outputs: &StudyOutputs,
 ) -> Result<bool> {
     let ExplainRequest {
+        held_out,
         from,
         search,
         verbose,
@@ -46,7 +49,7 @@ pub fn explain(
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
     let options = search.options(&desk)?;
-    let dataset = desk.dataset(path, reading)?;
+    let dataset = desk.dataset_with(path, held_out, reading)?;
     outputs.check(&desk, &dataset)?;
     let files = &outputs.recordings.files;
     desk.target(files.next_drive().as_deref())?;

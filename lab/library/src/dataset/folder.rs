@@ -1,7 +1,7 @@
 //! Data sets from the file system: a folder with `dataset.toml`, a manifest, or one file of numbers.
 
 use super::data_set::Dataset;
-use super::reading::{Files, Instructions, from_file_as, from_manifest_as};
+use super::reading::{Files, Instructions, from_file_as, from_manifest_as, from_two_files_as};
 use crate::error::{Error, Result};
 use std::io::Read;
 use std::path::Path;
@@ -76,6 +76,32 @@ pub fn text(path: &Path, expected: &str) -> Result<String> {
 /// One message with file, row or field, and what was expected.
 pub fn load(path: &Path) -> Result<Dataset> {
     load_as(path, &Instructions::default())
+}
+
+/// Reads a file that is fitted and another one that judges.
+///
+/// # Errors
+/// As [`load`], and where the first is no file of numbers.
+pub fn load_two_as(fitted: &Path, held_out: &Path, instructions: &Instructions) -> Result<Dataset> {
+    if fitted.is_dir() || fitted.extension().is_some_and(|end| end == "toml") {
+        return Err(Error::new(
+            "--held-out",
+            format!(
+                "{} specifies itself what is held out; expected one file of numbers before it",
+                fitted.display()
+            ),
+        ));
+    }
+    let [fitted, held_out] = [fitted, held_out].map(|path| {
+        bytes(path, "one file of numbers (docs/reference/formats.md)")
+            .map(|bytes| (path.display().to_string(), bytes))
+    });
+    let (fitted, held_out) = (fitted?, held_out?);
+    from_two_files_as(
+        (&fitted.0, &fitted.1),
+        (&held_out.0, &held_out.1),
+        instructions,
+    )
 }
 
 /// Reads as [`load`] does, with what a person says about columns and units.

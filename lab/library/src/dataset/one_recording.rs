@@ -41,9 +41,27 @@ pub struct Parts {
     pub notes: Vec<String>,
 }
 
-/// Cuts a recording into parts by its drive; the reading, um, tells a rest in noise from a small motion.
+/// The motion of a recording beside its rests.
+struct Motion {
+    /// Rests, and notes on them.
+    parts: Parts,
+    whole: Range<usize>,
+    /// Holds that are no beginning.
+    holds: Vec<Range<usize>>,
+}
+
+/// A recording of which all motion has one role; the reading, um, tells a rest in noise from a small motion.
 #[must_use]
-pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts {
+pub fn undivided(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64, role: Role) -> Parts {
+    let Motion {
+        mut parts, whole, ..
+    } = motion(drive_v, reading_um, sample_rate_hz);
+    parts.windows.push((role, whole));
+    parts
+}
+
+/// Where a recording moves, by its drive.
+fn motion(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Motion {
     let samples = drive_v.len();
     let seconds = |k: usize| k as f64 / sample_rate_hz;
     let mut parts = Parts {
@@ -114,8 +132,23 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
             seconds(end.start)
         ));
     }
+    Motion {
+        parts,
+        whole: first..end.map_or(samples, |hold| hold.start),
+        holds: later.to_vec(),
+    }
+}
+
+/// Cuts a recording into parts by its drive; the reading, um, tells a rest in noise from a small motion.
+#[must_use]
+pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts {
+    let Motion {
+        mut parts,
+        whole,
+        holds,
+    } = motion(drive_v, reading_um, sample_rate_hz);
+    let seconds = |k: usize| k as f64 / sample_rate_hz;
     let circumstances = Circumstances::of(drive_v, sample_rate_hz);
-    let whole = first..end.map_or(samples, |hold| hold.start);
     let (motion, alike) = circumstances.beginning(drive_v, &whole, SEARCHED_SAMPLES);
     if motion.end < whole.end {
         parts.notes.push(format!(
@@ -125,7 +158,7 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
         ));
         parts.later = Some(motion.end..whole.end);
     }
-    let (kinds, sections) = sections(drive_v, motion.clone(), later);
+    let (kinds, sections) = sections(drive_v, motion.clone(), &holds);
     let (mut windows, count) = (0..1 << sections.len())
         .map(|pattern| {
             let cut = in_halves(&sections, motion.end, pattern);

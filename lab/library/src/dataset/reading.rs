@@ -6,7 +6,7 @@ use super::data_set::{Dataset, SAMPLES_MIN};
 use super::even_signals::Even;
 use super::issue::Issue;
 use super::manifest::{Manifest, Offset, RecordEntry};
-use super::one_recording;
+use super::one_recording::{self, Parts};
 use super::one_timing::bring_to_one_timing;
 use super::readers::{self, Hints};
 use super::recognise;
@@ -350,13 +350,33 @@ pub fn from_file(place: &str, bytes: &[u8]) -> Result<Dataset> {
 /// # Errors
 /// As [`from_file`].
 pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> Result<Dataset> {
-    let table = readers::read(
-        place,
-        bytes,
-        Hints {
-            skip_rows: instructions.skip_rows.unwrap_or(0),
-        },
-    )?;
+    let even = even_signals_of_file(place, bytes, instructions)?;
+    let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
+    of_files(vec![(place, even, parts)], instructions)
+}
+
+/// Two files without a manifest: the first is fitted, and the second judges. Each is a place and its bytes.
+///
+/// # Errors
+/// As [`from_file`]; units that differ.
+pub fn from_two_files_as(
+    fitted: (&str, &[u8]),
+    held_out: (&str, &[u8]),
+    instructions: &Instructions,
+) -> Result<Dataset> {
+    let mut files = Vec::new();
+    for ((place, bytes), role) in [(fitted, Role::Identify), (held_out, Role::Validate)] {
+        let even = even_signals_of_file(place, bytes, instructions)?;
+        let parts = one_recording::undivided(&even.u_v, &even.y_um, even.sample_rate_hz, role);
+        files.push((place, even, parts));
+    }
+    of_files(files, instructions)
+}
+
+/// The signals of a file, of which there are enough.
+fn even_signals_of_file(place: &str, bytes: &[u8], instructions: &Instructions) -> Result<Even> {
+    let skip_rows = instructions.skip_rows.unwrap_or(0);
+    let table = readers::read(place, bytes, Hints { skip_rows })?;
     let even = even_signals(
         &table,
         &instructions.wanted,
@@ -364,7 +384,6 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         instructions.rate_otherwise_hz,
         None,
     )?;
-    let name = stem(place);
     let samples = even.u_v.len();
     if samples < 2 * SAMPLES_MIN {
         return Err(Error::new(
@@ -375,11 +394,43 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
             ),
         ));
     }
-    let (low, high) = extremes(&even.u_v);
-    let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
-    let mut notes = even.notes.clone();
-    notes.extend(parts.notes.iter().cloned());
-    let mut records = one_recording::records(&name, place, &even, &parts);
+    Ok(even)
+}
+
+/// A data set of files whose parts are known.
+fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Result<Dataset> {
+    let (place, units) = (files[0].0, files[0].1.units.clone());
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    let (mut records, mut notes) = (Vec::new(), Vec::new());
+    for (of_file, even, parts) in &files {
+        if even.units != units {
+            return Err(Error::new(
+                of_file,
+                format!("has other units than {place}; expected records of one kind"),
+            ));
+        }
+        let (lowest, highest) = extremes(&even.u_v);
+        (low, high) = (low.min(lowest), high.max(highest));
+        let before = if files.len() > 1 {
+            format!("{}: ", stem(of_file))
+        } else {
+            String::new()
+        };
+        let said = even.notes.iter().chain(&parts.notes);
+        notes.extend(said.map(|note| format!("{before}{note}")));
+        let of_file = one_recording::records(&stem(of_file), of_file, even, parts);
+        let rests = |roles: &mut dyn Iterator<Item = Role>| {
+            roles.filter(|role| *role == Role::Noise).count()
+        };
+        if rests(&mut of_file.iter().map(|r| r.role))
+            < rests(&mut parts.windows.iter().map(|(role, _)| *role))
+        {
+            notes.push(format!(
+                "{before}a rest in which the reading does not move shows no noise, and is left out"
+            ));
+        }
+        records.extend(of_file);
+    }
     let at_rest = records
         .iter()
         .any(|record| record.initial_state == InitialState::Settled);
@@ -391,27 +442,19 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     notes.push(format!(
         "limits of the drive taken from the file: {low} to {high} V; {state}"
     ));
-    let rests = |of: &mut dyn Iterator<Item = Role>| of.filter(|role| *role == Role::Noise).count();
-    if rests(&mut records.iter().map(|r| r.role))
-        < rests(&mut parts.windows.iter().map(|(role, _)| *role))
-    {
-        notes.push(
-            "a rest in which the reading does not move shows no noise, and is left out".into(),
-        );
-    }
     let shown = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {
         timing: shown.timing,
         timing_is_assumed: shown.is_assumed,
         intersample_is_assumed: instructions.intersample.is_none(),
-        units: even.units,
+        units,
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,
         sensor_bandwidth_hz: None,
         sensor_lsb_um: None,
         records,
-        name,
+        name: stem(place),
         notes,
         issues: shown.issue.into_iter().collect(),
     }

@@ -4,9 +4,12 @@
 #![cfg(feature = "readers")]
 
 use hysteron::Dataset;
+use hysteron::dataset::Role;
 use hysteron::dataset::column_rules::ColumnRules;
 use hysteron::dataset::column_rules::{ColumnName, PerColumn};
-use hysteron::dataset::reading::{Instructions, from_file, from_file_as, from_manifest};
+use hysteron::dataset::reading::{
+    Instructions, from_file, from_file_as, from_manifest, from_two_files_as,
+};
 use hysteron::dataset::timing::Timing;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -500,6 +503,41 @@ fn loggers_and_oscilloscopes() {
         &old,
         &sensor,
         &["two columns of time that agree"],
+    );
+}
+
+#[test]
+fn one_file_is_fitted_and_another_one_judges() {
+    let volts = format!(
+        "t_s,u_v,y_um\n{}",
+        rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6}"))
+    );
+    let newtons = volts.replace("u_v", "u [N]");
+    let two = |other: &str| {
+        let files = (("a.csv", volts.as_bytes()), ("b.csv", other.as_bytes()));
+        from_two_files_as(files.0, files.1, &Instructions::default())
+    };
+    let dataset = two(&volts).unwrap();
+    let roles: Vec<_> = dataset
+        .records
+        .iter()
+        .map(|r| (r.name.as_str(), r.role))
+        .collect();
+    assert_eq!(
+        roles,
+        [("a_fitted", Role::Identify), ("b_held_out", Role::Validate)]
+    );
+    // All that moves counts, in both.
+    assert!(
+        dataset
+            .records
+            .iter()
+            .all(|r| r.left_out.is_empty() && r.window.len() > SAMPLES / 2)
+    );
+    let said = two(&newtons).unwrap_err().to_string();
+    assert!(
+        said.contains("b.csv") && said.contains("other units"),
+        "{said}"
     );
 }
 

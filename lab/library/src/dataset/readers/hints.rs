@@ -1,4 +1,4 @@
-//! What a reader may be told beforehand, and which formats there are.
+//! What a caller specifies for a reader, and which formats there are.
 
 /// Formats that are read, for messages.
 pub const FORMATS: &str = "CSV or other text in columns, NPY, NPZ, MATLAB (MAT), HDF5, TDMS, Parquet, Feather, XLSX or WAV";
