@@ -4,15 +4,35 @@
 //!     cargo run --release -p hysteron-research --example stick_slip
 
 use hysteron::statistics::extremes;
+use hysteron_research::published_stepping::PublishedStepping;
 use hysteron_research::stick_slip_study::{
-    Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design,
+    Equations, WITHIN_S, closed_move, followed_um_s, open_loop_error_um, thesis_design, thesis_rig,
 };
+use hysteron_sim::stepping_loop::MoveFigures;
 use hysteron_tests::lugre_rig::RigFactors;
 
 /// The least and the most of a figure over the rigs.
 fn range(figures: &[f64], digits: usize) -> String {
     let (least, most) = extremes(figures);
     format!("{least:.digits$} to {most:.digits$}")
+}
+
+/// What moves came to, as columns.
+fn moves(all: &[MoveFigures]) -> String {
+    let arrived = |m: &&MoveFigures| m.arrived_s.is_some() && m.fault.is_none();
+    let column = |figure: fn(&MoveFigures) -> f64, digits| {
+        let figures: Vec<f64> = all.iter().filter(arrived).map(figure).collect();
+        range(&figures, digits)
+    };
+    format!(
+        "{} of {} | {} | {} | {} | {}",
+        all.iter().filter(arrived).count(),
+        all.len(),
+        column(|m| m.arrived_s.unwrap_or(f64::INFINITY), 2),
+        column(|m| f64::from(m.teeth), 0),
+        column(|m| 1e3 * m.error_max_um, 1),
+        column(|m| 1e3 * m.swing_um, 1)
+    )
 }
 
 fn main() -> Result<(), String> {
@@ -28,40 +48,33 @@ fn main() -> Result<(), String> {
         tooth.step_um,
         tooth.velocity_um_s()
     );
+    let published = [[0.0, 100.0], tooth.ends_v]
+        .map(|ends_v| PublishedStepping::tuned(&thesis_rig(), &design, ends_v));
+    println!("The published controller: {published:?}\n");
     println!(
-        "| equations | target, mm | arrived | time, s | teeth | largest error, nm | swing, nm | saw-teeth without feedback, um |"
+        "| equations | target, mm | controller | arrived | time, s | teeth | largest error, nm | swing, nm | saw-teeth without feedback, um |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|");
     for equations in [Equations::Chapter3, Equations::Lugre] {
         for target_um in [100.0, 1000.0, 10_000.0] {
-            let mut columns: [Vec<f64>; 5] = Default::default();
-            let mut arrived = 0;
+            let (mut ours, mut theirs, mut open) =
+                (Vec::new(), [Vec::new(), Vec::new()], Vec::new());
             for factors in RigFactors::FIVE {
-                let figures = closed_move(&design, equations, factors, target_um)?;
-                arrived += usize::from(figures.arrived_s.is_some() && figures.fault.is_none());
-                let row = [
-                    figures.arrived_s.unwrap_or(f64::INFINITY),
-                    f64::from(figures.teeth),
-                    1e3 * figures.error_max_um,
-                    1e3 * figures.swing_um,
-                    open_loop_error_um(&design, equations, factors, target_um),
-                ];
-                columns
-                    .iter_mut()
-                    .zip(row)
-                    .for_each(|(column, figure)| column.push(figure));
+                ours.push(closed_move(&design, equations, factors, target_um)?);
+                for (theirs, law) in theirs.iter_mut().zip(&published) {
+                    theirs.push(law.closed_move(equations, factors, target_um, WITHIN_S));
+                }
+                open.push(open_loop_error_um(&design, equations, factors, target_um));
             }
-            let [time, teeth, error, swing, open] = &columns;
+            let place = format!("{} | {}", equations.name(), 1e-3 * target_um);
             println!(
-                "| {} | {} | {arrived} of 5 | {} | {} | {} | {} | {} |",
-                equations.name(),
-                1e-3 * target_um,
-                range(time, 2),
-                range(teeth, 0),
-                range(error, 1),
-                range(swing, 1),
-                range(open, 1)
+                "| {place} | ours | {} | {} |",
+                moves(&ours),
+                range(&open, 1)
             );
+            for (name, theirs) in ["published", "published, our teeth"].iter().zip(&theirs) {
+                println!("| {place} | {name} | {} | |", moves(theirs));
+            }
         }
     }
     println!("\n| equations | asked for, um/s | average velocity, um/s |\n|---|---|---|");

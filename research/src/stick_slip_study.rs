@@ -34,20 +34,23 @@ impl Equations {
     }
 }
 
+/// The rig of the thesis.
+#[must_use]
+pub fn thesis_rig() -> StickSlipActuator {
+    StickSlipActuator::thesis(MASS_KG)
+}
+
 /// The design for the thesis' rig.
 ///
 /// # Errors
 /// As [`SteppingDesign::new`].
 pub fn thesis_design() -> Result<SteppingDesign, String> {
-    SteppingDesign::new(
-        &StickSlipActuator::thesis(MASS_KG),
-        &SteppingOrder::default(),
-    )
+    SteppingDesign::new(&thesis_rig(), &SteppingOrder::default())
 }
 
 /// The thesis' rig with other friction, mass, preload and loops.
 fn chapter_3(factors: RigFactors) -> StickSlipActuator {
-    let mut rig = StickSlipActuator::thesis(MASS_KG);
+    let mut rig = thesis_rig();
     rig.end_effector_mass_kg *= factors.mass;
     rig.friction.coulomb_force_n *= factors.friction * factors.preload;
     rig.friction.stiffness_n_um *= factors.preload;

@@ -1,7 +1,8 @@
 //! A stepping drive on rigs that differ from its model by 30 % and follow other equations.
 
+use hysteron_research::published_stepping::PublishedStepping;
 use hysteron_research::stick_slip_study::{
-    Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design,
+    Equations, closed_move, followed_um_s, open_loop_error_um, thesis_design, thesis_rig,
 };
 use hysteron_tests::lugre_rig::RigFactors;
 
@@ -36,6 +37,17 @@ fn a_velocity_is_kept_on_rigs_of_other_equations() {
     for nth in [1, 4] {
         let found = followed_um_s(&design, Equations::Lugre, RigFactors::FIVE[nth], 100.0).unwrap();
         assert!((found - 100.0).abs() < 5.0, "{found} um/s");
+    }
+}
+
+#[test]
+fn the_published_controller_reaches_a_tenth_of_a_millimetre() {
+    let design = thesis_design().unwrap();
+    let published = PublishedStepping::tuned(&thesis_rig(), &design, [0.0, 100.0]);
+    for factors in [RigFactors::FIVE[1], RigFactors::FIVE[3]] {
+        let figures = published.closed_move(Equations::Lugre, factors, 100.0, 2.0);
+        assert!(figures.arrived_s.is_some(), "{figures:?}");
+        assert!(figures.error_max_um < WITHIN_UM, "{figures:?}");
     }
 }
 

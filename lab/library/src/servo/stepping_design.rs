@@ -107,6 +107,15 @@ impl Tooth {
             .collect()
     }
 
+    /// With its travel on a model.
+    #[must_use]
+    pub fn on(self, rig: &StickSlipActuator, period_s: f64) -> Self {
+        Self {
+            step_um: step_um(rig, &self, period_s),
+            ..self
+        }
+    }
+
     /// Velocity on the model, um/s.
     #[must_use]
     pub fn velocity_um_s(&self) -> f64 {
@@ -150,10 +159,7 @@ impl SteppingDesign {
             })
         });
         let tooth = tried
-            .map(|tooth| Tooth {
-                step_um: step_um(rig, &tooth, period_s),
-                ..tooth
-            })
+            .map(|tooth| tooth.on(rig, period_s))
             .max_by(|a, b| a.velocity_um_s().total_cmp(&b.velocity_um_s()))
             .filter(|tooth| tooth.step_um > 0.0)
             .ok_or("the model of the rig does not step at any rate; check its friction")?;
@@ -302,7 +308,8 @@ fn fine_law(
 
 /// Platform and sticking slider: contacts that are softer, stiffer or begin to slide, sliders that are lighter
 /// or heavier.
-fn contacts(rig: &StickSlipActuator, order: &SteppingOrder) -> Vec<SampledModel> {
+#[must_use]
+pub fn contacts(rig: &StickSlipActuator, order: &SteppingOrder) -> Vec<SampledModel> {
     let (less, more) = (1.0 - order.spread, 1.0 + order.spread);
     let springs = [[less, 1.0], [more, 1.0], [SOFTENED * less, SOFTENED]];
     let pairs = springs
