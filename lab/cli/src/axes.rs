@@ -4,10 +4,14 @@ use crate::arguments::{Outputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use clap::Subcommand;
-use hysteron::several_axes::decoupling::{AxesServo, AxesTrack, Decoupling, WholeCheck};
+use hysteron::several_axes::decoupling::{AxesServo, Decoupling, with_hidden_coupling};
 use hysteron::several_axes::finder::{AxesPolicy, find};
 use hysteron::several_axes::identification::{RecordError, Structure, identify, record_errors};
+use hysteron::several_axes::loop_check::{
+    AxesLaw, AxesTrack, CheckedStage, SENSITIVITY_MAX, Sine, WholeCheck, track,
+};
 use hysteron::several_axes::manifest;
+use hysteron::several_axes::matrix_law::{AxesDemands, MatrixServo};
 use hysteron::several_axes::model_text::{AxesModel, figures};
 use hysteron::several_axes::planted::{AxisPlant, JudgedStage, planted_stage};
 use hysteron::several_axes::recordings::{AxesData, AxesRecord};
@@ -72,7 +76,7 @@ pub enum AxesCommand {
         #[command(flatten)]
         time: TimeArguments,
     },
-    /// Decouple the axes of a model, and check the loop as a whole
+    /// Design servos for the axes of a model, and check each loop as a whole
     Decouple {
         /// Model file
         model: PathBuf,
@@ -86,6 +90,9 @@ pub enum AxesCommand {
         /// Amplitude of the reference, in the unit of the sensors
         #[arg(long, default_value_t = 1.0)]
         amplitude: f64,
+        /// Noise of a sensor in its unit, RMS
+        #[arg(long, default_value_t = 0.001)]
+        noise: f64,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -176,16 +183,17 @@ pub fn axes(command: AxesCommand) -> Result<bool> {
             hidden_coupling,
             reference_hz,
             amplitude,
+            noise,
             outputs,
-        } => decouple(
-            &model,
-            &Reference {
-                hidden_coupling,
-                hz: reference_hz,
+        } => {
+            let demands = AxesDemands {
+                reference_hz,
                 amplitude,
-            },
-            &outputs,
-        ),
+                noise,
+                sensitivity_peak: SENSITIVITY_MAX,
+            };
+            decouple(&model, hidden_coupling, &demands, &outputs)
+        }
         AxesCommand::Plant {
             effect,
             out,
@@ -397,75 +405,58 @@ fn identify_structure(
     Ok(true)
 }
 
-struct Reference {
-    hidden_coupling: f64,
-    hz: f64,
-    amplitude: f64,
-}
-
-/// A decoupled servo with its checks.
+/// A servo of all axes with its checks.
 #[derive(Serialize)]
 struct DecoupledFigures {
-    servo: AxesServo,
+    scheme: &'static str,
+    /// Channels and matrices of a servo with a loop for each channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    servo: Option<AxesServo>,
     on_model: WholeCheck,
     on_hidden: WholeCheck,
     track_model: Vec<AxesTrack>,
     track_hidden: Vec<AxesTrack>,
 }
 
-/// Every drive also moves the modes of the others.
-fn with_hidden_coupling(stage: &ModalStage, share: f64) -> ModalStage {
-    let mut hidden = stage.clone();
-    for mode in &mut hidden.modes {
-        let largest = mode.of_drives.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
-        mode.of_drives.iter_mut().for_each(|of_drive| {
-            *of_drive += if of_drive.abs() < largest {
-                share * largest
-            } else {
-                0.0
-            }
-        });
+/// Turns of a reference, of which the second half counts.
+const TURNS: f64 = 8.0;
+
+/// Checks and moves of a law on the model, and on the same stage with a hidden coupling.
+fn judged(
+    scheme: &'static str,
+    law: &dyn AxesLaw,
+    stages: [&ModalStage; 2],
+    demands: &AxesDemands,
+) -> DecoupledFigures {
+    let checked = |stage| CheckedStage::new(stage, law.period_s()).check(law);
+    let tracks = |stage: &ModalStage| {
+        let sine = |axis| Sine {
+            axis,
+            amplitude: demands.amplitude,
+            hz: demands.reference_hz,
+            turns: TURNS,
+        };
+        let axes = 0..stage.sensors.len();
+        axes.map(|axis| track(law, stage, &sine(axis))).collect()
+    };
+    let [on_model, on_hidden] = stages.map(checked);
+    let [track_model, track_hidden] = stages.map(tracks);
+    DecoupledFigures {
+        scheme,
+        servo: None,
+        on_model,
+        on_hidden,
+        track_model,
+        track_hidden,
     }
-    hidden
 }
 
-/// Turns of a reference of which the second half counts.
-const TURNS: f64 = 4.0;
-
-fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<bool> {
-    let desk = Desk::new(outputs.force);
-    let model = read_model(&desk, path)?;
-    outputs.check(&desk)?;
-    if !(reference.hz > 0.0 && reference.amplitude > 0.0 && reference.hidden_coupling.is_finite()) {
-        return Err(Error::new(
-            "--reference-hz, --amplitude",
-            "expected numbers above zero",
-        ));
-    }
-    let hidden = with_hidden_coupling(&model.stage, reference.hidden_coupling);
-    let mut all = Vec::new();
+fn print_checks(all: &[DecoupledFigures]) {
     println!(
-        "{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {}",
-        model.name, model.sample_rate_hz, reference.hz, reference.hidden_coupling
-    );
-    println!(
-        "  {:<8} {:<7} {:>15} {:>11} {:>12} {:>10}",
+        "  {:<9} {:<7} {:>15} {:>11} {:>12} {:>10}",
         "", "stage", "spectral radius", "sensitivity", "own error %", "others %"
     );
-    for decoupling in [Decoupling::Static, Decoupling::Modal] {
-        let servo = AxesServo::design(&model.stage, decoupling, 1.0 / model.sample_rate_hz)?;
-        let track = |stage: &ModalStage| -> Vec<AxesTrack> {
-            (0..stage.sensors.len())
-                .map(|axis| servo.track(stage, axis, reference.amplitude, reference.hz, TURNS))
-                .collect()
-        };
-        let figures = DecoupledFigures {
-            on_model: servo.check(&model.stage),
-            on_hidden: servo.check(&hidden),
-            track_model: track(&model.stage),
-            track_hidden: track(&hidden),
-            servo,
-        };
+    for figures in all {
         for (stage, check, track) in [
             ("model", &figures.on_model, &figures.track_model),
             ("hidden", &figures.on_hidden, &figures.track_hidden),
@@ -473,8 +464,8 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
             let worst =
                 |of: fn(&AxesTrack) -> f64| 100.0 * track.iter().map(of).fold(0.0_f64, f64::max);
             println!(
-                "  {:<8} {:<7} {:>15.5} {:>11.2} {:>12.2} {:>10.2}",
-                decoupling.name(),
+                "  {:<9} {:<7} {:>15.5} {:>11.2} {:>12.2} {:>10.2}",
+                figures.scheme,
                 stage,
                 check.spectral_radius,
                 check.sensitivity_peak,
@@ -482,12 +473,56 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
                 worst(|t| t.crosstalk)
             );
         }
-        all.push(figures);
     }
+}
+
+fn decouple(
+    path: &Path,
+    hidden_coupling: f64,
+    demands: &AxesDemands,
+    outputs: &Outputs,
+) -> Result<bool> {
+    let desk = Desk::new(outputs.force);
+    let model = read_model(&desk, path)?;
+    outputs.check(&desk)?;
+    let above_zero = [demands.reference_hz, demands.amplitude, demands.noise];
+    if !above_zero.iter().all(|x| x.is_finite() && *x > 0.0) || !hidden_coupling.is_finite() {
+        return Err(Error::new(
+            "--reference-hz, --amplitude, --noise",
+            "expected numbers above zero",
+        ));
+    }
+    let hidden = with_hidden_coupling(&model.stage, hidden_coupling);
+    let (stages, dt_s) = ([&model.stage, &hidden], 1.0 / model.sample_rate_hz);
+    println!(
+        "{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {hidden_coupling}",
+        model.name, model.sample_rate_hz, demands.reference_hz
+    );
+    let mut all = Vec::new();
+    let mut refused = Vec::new();
+    for decoupling in [Decoupling::Static, Decoupling::Modal] {
+        match AxesServo::design(&model.stage, decoupling, dt_s) {
+            Ok(servo) => all.push(DecoupledFigures {
+                servo: Some(servo.clone()),
+                ..judged(decoupling.name(), &servo, stages, demands)
+            }),
+            Err(error) => refused.push(error),
+        }
+    }
+    match MatrixServo::design(&model.stage, &model.stage, dt_s, demands) {
+        Ok(law) => all.push(judged("pidsmoc", &law, stages, demands)),
+        Err(error) => refused.push(error),
+    }
+    print_checks(&all);
+    refused.iter().for_each(|error| println!("  {error}"));
     desk.write_json(outputs.json.as_deref(), &all)?;
-    Ok(all.iter().all(|figures| {
+    let stable = |figures: &DecoupledFigures| {
         figures.on_model.spectral_radius < 1.0 && figures.on_hidden.spectral_radius < 1.0
-    }))
+    };
+    match refused.into_iter().next() {
+        Some(error) if all.is_empty() => Err(error),
+        _ => Ok(all.iter().all(stable)),
+    }
 }
 
 fn plant(effect: &str, out: &Path, seed: u64, force: bool) -> Result<bool> {

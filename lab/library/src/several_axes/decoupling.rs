@@ -5,13 +5,15 @@
 //! * Modal decoupling inverts the participations of the drives and sensors in the modes that move most.
 //!
 //! A channel has an integral controller with a notch at its mode. Its gain is the largest at which the
-//! channel alone keeps its sensitivity below the limit. Then the loop is checked as a whole: eigenvalues of
-//! the closed sampled system with the delay of one period, and the largest singular value of its
-//! sensitivity over frequency, for the gain of small and of large motions of each drive. If the whole needs
-//! less, all gains are lowered together.
+//! channel alone keeps its sensitivity below the limit. Then the loop is checked as a whole ([`loop_check`]),
+//! for the gain of small and of large motions of each drive. If the whole needs less, all gains are lowered
+//! together.
+//!
+//! [`loop_check`]: super::loop_check
 
+use super::loop_check::{Aim, AxesLaw, CheckedStage, SENSITIVITY_MAX, frequencies, gain_sets};
 use crate::error::{Error, Result};
-use hysteron_sim::several_axes::{Held, ModalMotion, ModalStage, StageRun};
+use hysteron_sim::several_axes::ModalStage;
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
@@ -63,34 +65,8 @@ pub struct AxesServo {
     pub channels: Vec<ChannelController>,
 }
 
-/// Check of a loop as a whole.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct WholeCheck {
-    /// Largest magnitude of an eigenvalue of the closed sampled system.
-    pub spectral_radius: f64,
-    /// Largest singular value of the sensitivity over frequency.
-    pub sensitivity_peak: f64,
-}
-
-/// What a servo makes of a reference.
-#[derive(Clone, Debug, Serialize)]
-pub struct AxesTrack {
-    /// RMS error of the axis that moves, of the RMS of its reference.
-    pub own: f64,
-    /// Largest RMS motion of another axis, of the RMS of the reference.
-    pub crosstalk: f64,
-    /// The drives stay within a range.
-    pub finite: bool,
-}
-
-/// Largest sensitivity of a channel alone and of the whole: a phase margin of 29 degrees and a gain margin
-/// of 2.
-pub const SENSITIVITY_MAX: f64 = 2.0;
 /// Damping of the notch's poles: well damped, with less phase lag below it than 1.
 const NOTCH_DAMPING: f64 = 0.7;
-/// Frequencies at which a sensitivity is sampled, and lowest of them by the sampling rate.
-const FREQUENCIES: usize = 400;
-const LOWEST: f64 = 1e-5;
 /// Factor between gains that are tried.
 const GAIN_STEP: f64 = 0.9;
 const GAIN_STEPS: usize = 160;
@@ -128,24 +104,6 @@ fn response(stage: &ModalStage, gains: &[f64], hz: f64, dt_s: f64) -> DMatrix<Co
         (of_modes + at_once) * later(stage.drives[j].delay_s) * gains[j]
             / Complex::new(1.0, turn * stage.sensors[i].lag_s)
     })
-}
-
-/// Gain of every drive's hysteresis for small and for large motions.
-fn gain_sets(stage: &ModalStage) -> [Vec<f64>; 2] {
-    let large = |plays: &[[f64; 2]]| 1.0 + plays.iter().map(|play| play[1]).sum::<f64>();
-    [
-        vec![1.0; stage.drives.len()],
-        stage
-            .drives
-            .iter()
-            .map(|drive| large(&drive.plays))
-            .collect(),
-    ]
-}
-
-fn frequencies(dt_s: f64) -> impl Iterator<Item = f64> {
-    (0..FREQUENCIES)
-        .map(move |n| LOWEST.powf(1.0 - n as f64 / (FREQUENCIES - 1) as f64) * 0.4999 / dt_s)
 }
 
 impl ChannelController {
@@ -186,6 +144,17 @@ impl ChannelController {
     }
 }
 
+/// The modes that move most, so many of them, in their order.
+pub(super) fn largest_modes(stage: &ModalStage, count: usize) -> Vec<usize> {
+    let largest = |shares: &[f64]| shares.iter().fold(0.0_f64, |m, share| m.max(share.abs()));
+    let moves = |r: usize| largest(&stage.modes[r].of_drives) * largest(&stage.modes[r].of_sensors);
+    let mut modes: Vec<usize> = (0..stage.modes.len()).collect();
+    modes.sort_by(|a, b| moves(*b).total_cmp(&moves(*a)));
+    modes.truncate(count);
+    modes.sort_unstable();
+    modes
+}
+
 /// States of a channel's controller.
 const STATES: usize = 3;
 
@@ -207,13 +176,7 @@ impl AxesServo {
                 "{drives} drives and {sensors} sensors; expected as many of both"
             ));
         }
-        let largest = |shares: &[f64]| shares.iter().fold(0.0_f64, |m, share| m.max(share.abs()));
-        let moves =
-            |r: usize| largest(&stage.modes[r].of_drives) * largest(&stage.modes[r].of_sensors);
-        let mut modes: Vec<usize> = (0..stage.modes.len()).collect();
-        modes.sort_by(|a, b| moves(*b).total_cmp(&moves(*a)));
-        modes.truncate(drives);
-        modes.sort_unstable();
+        let modes = largest_modes(stage, drives);
         let (to_drives, from_sensors) = match decoupling {
             Decoupling::Static => (
                 matrix(&stage.static_gain()).try_inverse(),
@@ -267,8 +230,9 @@ impl AxesServo {
             ));
             servo.tune(stage, channel, mode.frequency_hz);
         }
+        let checked = CheckedStage::new(stage, dt_s);
         for _ in 0..GAIN_STEPS {
-            let check = servo.check(stage);
+            let check = checked.check(&servo);
             if check.spectral_radius < 1.0 && check.sensitivity_peak <= SENSITIVITY_MAX {
                 return Ok(servo);
             }
@@ -318,200 +282,58 @@ impl AxesServo {
             controller.integral_per_s *= GAIN_STEP;
         }
     }
+}
 
-    /// Checks the loop around a stage as a whole; the worse of small and large motions.
-    #[must_use]
-    pub fn check(&self, stage: &ModalStage) -> WholeCheck {
-        let (to_drives, from_sensors) = (
-            matrix(&self.to_drives).map(Complex::from),
-            matrix(&self.from_sensors).map(Complex::from),
-        );
-        let mut worst = WholeCheck {
-            spectral_radius: 0.0,
-            sensitivity_peak: 0.0,
+impl AxesLaw for AxesServo {
+    fn period_s(&self) -> f64 {
+        self.dt_s
+    }
+
+    fn states(&self) -> usize {
+        STATES * self.channels.len()
+    }
+
+    fn step(&self, state: &mut [f64], _acting: &[f64], readings: &[f64], aim: &Aim) -> Vec<f64> {
+        let reference = |i: usize| aim.reference.get(i).copied().unwrap_or(0.0);
+        let errors: Vec<f64> = (readings.iter().enumerate())
+            .map(|(i, reading)| reference(i) - reading)
+            .collect();
+        let product = |row: &Vec<f64>, with: &[f64]| -> f64 {
+            row.iter().zip(with).map(|(a, v)| a * v).sum()
         };
-        for gains in gain_sets(stage) {
-            let closed = self.closed_matrix(stage, &gains);
-            let radius = closed
-                .complex_eigenvalues()
-                .iter()
-                .fold(0.0_f64, |m, z| m.max(z.norm()));
-            worst.spectral_radius = worst.spectral_radius.max(radius);
-            for hz in frequencies(self.dt_s) {
-                let channels = DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
-                    self.channels.len(),
-                    self.channels
-                        .iter()
-                        .map(|channel| channel.response(hz, self.dt_s)),
-                ));
-                let open =
-                    &from_sensors * response(stage, &gains, hz, self.dt_s) * &to_drives * channels;
-                let back = DMatrix::identity(open.nrows(), open.ncols()) + open;
-                let smallest = back.singular_values().min();
-                worst.sensitivity_peak = worst.sensitivity_peak.max(1.0 / smallest.max(1e-12));
-            }
-        }
-        worst
-    }
-
-    /// One period of the closed linear loop without a reference, from states to states: each column is what a
-    /// unit of one state becomes.
-    fn closed_matrix(&self, stage: &ModalStage, gains: &[f64]) -> DMatrix<f64> {
-        let (modes, sensors) = (stage.modes.len(), stage.sensors.len());
-        let whole_periods =
-            |j: usize| (stage.drives[j].delay_s / self.dt_s).max(0.0).floor() as usize;
-        // A drive's values: as many as its delay has periods, and two.
-        let history: Vec<usize> = (0..stage.drives.len())
-            .map(|j| whole_periods(j) + 2)
+        let channels = self.channels.iter().zip(&self.from_sensors);
+        let given: Vec<f64> = channels
+            .zip(state.chunks_mut(STATES))
+            .map(|((channel, row), state)| channel.step(state, product(row, &errors), self.dt_s))
             .collect();
-        let of_history: usize = history.iter().sum();
-        let states = 2 * modes + of_history + 2 * sensors + STATES * self.channels.len();
-        let switching: Vec<f64> = stage
-            .drives
+        self.to_drives
             .iter()
-            .map(|drive| drive.switches_at(self.dt_s))
-            .collect();
-        let linear =
-            |mode: &hysteron_sim::several_axes::StageMode| hysteron_sim::several_axes::StageMode {
-                friction: None,
-                quadratic: 0.0,
-                cubic: 0.0,
-                ..mode.clone()
-            };
-        let motions: Vec<ModalMotion> = stage
-            .modes
-            .iter()
-            .map(|mode| ModalMotion::new(&linear(mode), &switching, self.dt_s))
-            .collect();
-        let step = |x: &[f64]| -> Vec<f64> {
-            let mut next = vec![0.0; states];
-            let mut at = 2 * modes;
-            let mut acting = Vec::new();
-            let mut before = Vec::new();
-            for (j, length) in history.iter().enumerate() {
-                let values = &x[at..at + length];
-                acting.push(Held {
-                    early: gains[j] * values[length - 1],
-                    late: gains[j] * values[length - 2],
-                });
-                before.push(gains[j] * values[length - 1]);
-                next[at + 1..at + length].copy_from_slice(&values[..length - 1]);
-                at += length;
-            }
-            let mut readings = vec![0.0; sensors];
-            for i in 0..sensors {
-                let of_modes: f64 = (0..modes)
-                    .map(|r| stage.modes[r].of_sensors[i] * x[2 * r])
-                    .sum();
-                let now = of_modes
-                    + stage.feedthrough[i]
-                        .iter()
-                        .zip(&before)
-                        .map(|(share, w)| share * w)
-                        .sum::<f64>();
-                let [input, output] = [x[at + 2 * i], x[at + 2 * i + 1]];
-                readings[i] = stage.sensors[i].after(input, output, now, self.dt_s);
-                (next[at + 2 * i], next[at + 2 * i + 1]) = (now, readings[i]);
-            }
-            at += 2 * sensors;
-            let mut given = Vec::new();
-            for (channel, row) in self.channels.iter().zip(&self.from_sensors) {
-                let mut state = x[at..at + STATES].to_vec();
-                let error: f64 = -row.iter().zip(&readings).map(|(a, y)| a * y).sum::<f64>();
-                given.push(channel.step(&mut state, error, self.dt_s));
-                next[at..at + STATES].copy_from_slice(&state);
-                at += STATES;
-            }
-            let mut at = 2 * modes;
-            for (row, length) in self.to_drives.iter().zip(&history) {
-                next[at] = row.iter().zip(&given).map(|(a, v)| a * v).sum();
-                at += length;
-            }
-            for (r, motion) in motions.iter().enumerate() {
-                let mut motion = motion.clone();
-                motion.put([x[2 * r], x[2 * r + 1]]);
-                motion.step(&acting);
-                next[2 * r..2 * r + 2].copy_from_slice(&motion.state());
-            }
-            next
-        };
-        let columns: Vec<f64> = (0..states)
-            .flat_map(|n| {
-                let mut unit = vec![0.0; states];
-                unit[n] = 1.0;
-                step(&unit)
-            })
-            .collect();
-        DMatrix::from_vec(states, states, columns)
+            .map(|row| product(row, &given))
+            .collect()
     }
+}
 
-    /// Moves one axis by a sine of so many turns after as many of waiting, on a stage with all its effects.
-    #[must_use]
-    pub fn track(
-        &self,
-        stage: &ModalStage,
-        axis: usize,
-        amplitude: f64,
-        hz: f64,
-        turns: f64,
-    ) -> AxesTrack {
-        let sensors = stage.sensors.len();
-        let mut run = StageRun::new(stage, self.dt_s);
-        let mut states = vec![vec![0.0; STATES]; self.channels.len()];
-        let mut drives = vec![0.0; stage.drives.len()];
-        let samples = (2.0 * turns / (hz * self.dt_s)) as usize;
-        let mut squares = vec![0.0; sensors];
-        let mut of_reference = 0.0;
-        for k in 0..samples {
-            let readings = run.readings();
-            let reference = amplitude * (TAU * hz * k as f64 * self.dt_s).sin();
-            let errors: Vec<f64> = (0..sensors)
-                .map(|i| if i == axis { reference } else { 0.0 } - readings[i])
-                .collect();
-            if k >= samples / 2 {
-                squares
-                    .iter_mut()
-                    .zip(&errors)
-                    .for_each(|(sum, e)| *sum += e * e);
-                of_reference += reference * reference;
+/// The stage with every drive also moving the modes of the others, by a share of the largest participation.
+#[must_use]
+pub fn with_hidden_coupling(stage: &ModalStage, share: f64) -> ModalStage {
+    let mut hidden = stage.clone();
+    for mode in &mut hidden.modes {
+        let largest = mode.of_drives.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
+        mode.of_drives.iter_mut().for_each(|of_drive| {
+            *of_drive += if of_drive.abs() < largest {
+                share * largest
+            } else {
+                0.0
             }
-            // What was computed a period ago acts now.
-            run.step(&drives);
-            let given: Vec<f64> = self
-                .channels
-                .iter()
-                .zip(&self.from_sensors)
-                .zip(&mut states)
-                .map(|((channel, row), state)| {
-                    channel.step(
-                        state,
-                        row.iter().zip(&errors).map(|(a, e)| a * e).sum(),
-                        self.dt_s,
-                    )
-                })
-                .collect();
-            drives = self
-                .to_drives
-                .iter()
-                .map(|row| row.iter().zip(&given).map(|(a, v)| a * v).sum())
-                .collect();
-        }
-        let share = |i: usize| (squares[i] / of_reference.max(f64::MIN_POSITIVE)).sqrt();
-        let crosstalk = (0..sensors)
-            .filter(|i| *i != axis)
-            .map(share)
-            .fold(0.0_f64, f64::max);
-        AxesTrack {
-            own: share(axis),
-            crosstalk,
-            finite: share(axis).is_finite() && crosstalk.is_finite() && share(axis) < 1e3,
-        }
+        });
     }
+    hidden
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::several_axes::loop_check::{Sine, track};
     use hysteron_sim::several_axes::StageMode;
 
     fn stage() -> ModalStage {
@@ -530,15 +352,22 @@ mod tests {
         let stage = stage();
         let dt_s = 1.0 / 6400.0;
         let mut servo = AxesServo::design(&stage, Decoupling::Modal, dt_s).unwrap();
-        assert!(servo.check(&stage).spectral_radius < 1.0);
-        assert!(servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
+        let checked = CheckedStage::new(&stage, dt_s);
+        let sine = |axis, hz| Sine {
+            axis,
+            amplitude: 1.0,
+            hz,
+            turns: 5.0,
+        };
+        assert!(checked.spectral_radius(&servo) < 1.0);
+        assert!(track(&servo, &stage, &sine(0, 2.0)).finite);
         // With thirty times the gain the loop runs away, and the eigenvalues show it.
         servo
             .channels
             .iter_mut()
             .for_each(|channel| channel.integral_per_s *= 30.0);
-        assert!(servo.check(&stage).spectral_radius > 1.0);
-        assert!(!servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
+        assert!(checked.spectral_radius(&servo) > 1.0);
+        assert!(!track(&servo, &stage, &sine(0, 2.0)).finite);
     }
 
     #[test]
@@ -547,7 +376,13 @@ mod tests {
         let dt_s = 1.0 / 6400.0;
         for decoupling in [Decoupling::Static, Decoupling::Modal] {
             let servo = AxesServo::design(&stage, decoupling, dt_s).unwrap();
-            let track = servo.track(&stage, 1, 1.0, 3.0, 3.0);
+            let sine = Sine {
+                axis: 1,
+                amplitude: 1.0,
+                hz: 3.0,
+                turns: 6.0,
+            };
+            let track = track(&servo, &stage, &sine);
             assert!(track.own < 0.2, "{decoupling:?}: {track:?}");
             assert!(track.crosstalk < 0.01, "{decoupling:?}: {track:?}");
         }

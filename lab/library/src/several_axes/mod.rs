@@ -6,15 +6,18 @@
 //! * [`finder`]: the search;
 //! * [`identification`]: one model of given structure, from the responses to the records;
 //! * [`planted`]: simulated stages whose truth is known, and the score on them;
-//! * [`decoupling`]: a servo for every mode, checked as a whole;
+//! * [`decoupling`]: a servo for every mode; [`matrix_law`]: PIDSMO and PIDSMC with matrices;
+//! * [`loop_check`]: the loops of both as a whole;
 //! * [`model_text`]: models as text and figures of a search.
 
 pub mod decoupling;
 pub mod finder;
 mod fit;
 pub mod identification;
+pub mod loop_check;
 #[cfg(feature = "readers")]
 pub mod manifest;
+pub mod matrix_law;
 mod modal_start;
 pub mod model_text;
 pub mod planted;
