@@ -6,6 +6,7 @@ use crate::read_arguments::ReadArguments;
 use hysteron::servo::amplifier_block::{FrontEnd, block};
 use hysteron::servo::stepping_contact::{IdentifiedContact, identify_contact, rig_on_platform};
 use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
+use hysteron::servo::stepping_load::load_that_stops;
 use hysteron::servo::stepping_rig;
 use hysteron::stepping::{Measured, SteppingMeasure, SteppingTrain, measure};
 use hysteron::{Dataset, Error, Result};
@@ -83,6 +84,9 @@ struct SteppingFigures<'a> {
     found: &'a SteppingMeasure,
     #[serde(skip_serializing_if = "Option::is_none")]
     contact: Option<IdentifiedContact>,
+    /// Force on the slider that stops the fastest teeth.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    load_that_stops_n: Option<Measured>,
 }
 
 fn above_zero(option: &str, value: Option<f64>) -> Result<f64> {
@@ -94,14 +98,27 @@ fn above_zero(option: &str, value: Option<f64>) -> Result<f64> {
     }
 }
 
+/// The wiring and the travel that were specified.
+fn stepping_order(desk: &Desk, rig: &RigArguments) -> Result<SteppingOrder> {
+    let mut order = SteppingOrder::default();
+    if let Some(path) = &rig.front_end {
+        let text = desk.text(path, "the wiring of converters")?;
+        order.front_end = FrontEnd::from_toml(&text, &path.display().to_string())?;
+    }
+    if let Some([low, high]) = rig.travel_um.as_deref() {
+        order.travel_um = [*low, *high];
+    }
+    Ok(order)
+}
+
 /// Identifies the contact and prints it, with the teeth that suit the rig.
 fn contact(
     desk: &Desk,
     dataset: &Dataset,
     rig: &RigArguments,
-) -> Result<Option<IdentifiedContact>> {
+) -> Result<(Option<IdentifiedContact>, Option<Measured>)> {
     let Some(platform) = &rig.platform else {
-        return Ok(None);
+        return Ok((None, None));
     };
     let stiffness = above_zero("--platform-stiffness-n-um", rig.platform_stiffness_n_um)?;
     let mass_kg = above_zero("--slider-kg", rig.slider_kg)?;
@@ -124,14 +141,8 @@ fn contact(
     if let Some(path) = &rig.rig {
         desk.write(path, stepping_rig::to_toml(&known)?.as_bytes())?;
     }
-    let mut order = SteppingOrder::default();
-    if let Some(path) = &rig.front_end {
-        let text = desk.text(path, "the wiring of converters")?;
-        order.front_end = FrontEnd::from_toml(&text, &path.display().to_string())?;
-    }
-    if let Some([low, high]) = rig.travel_um.as_deref() {
-        order.travel_um = [*low, *high];
-    }
+    let order = stepping_order(desk, rig)?;
+    let mut load = None;
     match SteppingDesign::new(&known, &order) {
         Ok(design) => {
             println!(
@@ -144,6 +155,10 @@ fn contact(
                 design.tooth.step_um,
                 design.tooth.velocity_um_s()
             );
+            load = load_that_stops(&known, &found, &design.tooth, order.front_end.period_s());
+            if let Some(load) = load {
+                println!("  load that stops them: {}", figure(load.times(1e3), "mN"));
+            }
             if let Some(path) = &rig.block {
                 desk.write(path, &block(&design.block()?)?)?;
             }
@@ -151,7 +166,7 @@ fn contact(
         Err(reason) if rig.block.is_some() => return Err(Error::new("stepping servo", reason)),
         Err(reason) => println!("  no stepping servo: {reason}"),
     }
-    Ok(Some(found))
+    Ok((Some(found), load))
 }
 
 /// Measures the performance of a stick-slip drive from a recording.
@@ -177,10 +192,11 @@ pub fn stepping(
         found.trains.len()
     );
     found.trains.iter().for_each(print_train);
-    let contact = contact(&desk, &dataset, rig)?;
+    let (contact, load_that_stops_n) = contact(&desk, &dataset, rig)?;
     let figures = SteppingFigures {
         found: &found,
         contact,
+        load_that_stops_n,
     };
     desk.write_json(outputs.json.as_deref(), &figures)?;
     desk.write_page(outputs.report.as_deref(), || {

@@ -126,6 +126,9 @@ fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
     let text = std::fs::read_to_string(folder.path().join("rig.json")).unwrap();
     let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
     let found = |name: &str| figures["contact"][name]["value"].as_f64().unwrap();
+    let load = &figures["load_that_stops_n"];
+    let [load_n, std_n] = ["value", "std"].map(|name| load[name].as_f64().unwrap());
+    assert!(load_n < 0.0362 && std_n < 0.1 * load_n, "{load}");
     // The platform's model has an error of its own, so the deviations of the contact alone do not bound these.
     assert!(
         (found("coulomb_force_n") / 0.0362 - 1.0).abs() < 0.03,

@@ -98,6 +98,8 @@ pub mod stepping_contact;
 #[doc(hidden)]
 pub mod stepping_design;
 #[doc(hidden)]
+pub mod stepping_load;
+#[doc(hidden)]
 pub mod stepping_rig;
 #[doc(hidden)]
 pub mod thesis_conditions;

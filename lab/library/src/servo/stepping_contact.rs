@@ -57,6 +57,36 @@ pub struct IdentifiedContact {
     pub breakaway_ratio: Measured,
     /// RMS of what it leaves, um.
     pub residual_um: f64,
+    /// Logarithms of force, stiffness and damping, and the logit of the ratio.
+    #[serde(skip)]
+    pub(super) coordinates: [f64; 4],
+    /// Their covariance.
+    #[serde(skip)]
+    pub(super) covariance: [[f64; 4]; 4],
+}
+
+#[cfg(test)]
+impl IdentifiedContact {
+    /// A contact without deviations.
+    pub(super) fn known(friction: &ElastoplasticFriction) -> Self {
+        let exact = |value| Measured { value, std: 0.0 };
+        let ratio = friction.breakaway_ratio.unwrap_or(0.0);
+        let [force, stiffness, damping] = [
+            friction.coulomb_force_n,
+            friction.stiffness_n_um,
+            friction.damping_n_s_um,
+        ];
+        Self {
+            friction: *friction,
+            coulomb_force_n: exact(force),
+            stiffness_n_um: exact(stiffness),
+            damping_n_s_um: exact(damping),
+            breakaway_ratio: exact(ratio),
+            residual_um: 0.0,
+            coordinates: [force.ln(), stiffness.ln(), damping.ln(), logit(ratio)],
+            covariance: [[0.0; 4]; 4],
+        }
+    }
 }
 
 /// Drive and readings of the slider.
@@ -69,7 +99,7 @@ struct Recording<'a> {
     ratio_is_held: bool,
 }
 
-fn friction_at(at: &[f64; 4]) -> ElastoplasticFriction {
+pub(super) fn friction_at(at: &[f64; 4]) -> ElastoplasticFriction {
     ElastoplasticFriction {
         coulomb_force_n: at[0].exp(),
         stiffness_n_um: at[1].exp(),
@@ -255,6 +285,8 @@ pub fn identify_contact(
             std: ratio * (1.0 - ratio / RATIO_MAX) * std(3),
         },
         residual_um: (cost / freedom).sqrt(),
+        coordinates: at,
+        covariance: std::array::from_fn(|a| std::array::from_fn(|b| covariance[(a, b)])),
     })
 }
 

@@ -33,7 +33,7 @@ pub const CURVATURES: [f64; 3] = [0.0, 0.5, 1.0];
 /// Share of the drive's range that the teeth leave free at each end.
 const FREE_SHARE: f64 = 0.1;
 /// Teeth of which the last two thirds are counted.
-const TEETH: usize = 15;
+pub(super) const TEETH: usize = 15;
 /// Reach of fine motion over the largest displacement of the platform in a tooth: a slider that is fast at the
 /// end of its slow flank goes a little further than the platform.
 const REACH_OVER_STROKE: f64 = 1.05;
