@@ -36,6 +36,7 @@ mod loop_opening;
 pub mod noise;
 pub mod physics;
 pub mod rate_dependent_hysteresis;
+pub mod rig_effects;
 pub mod several_axes;
 pub mod stepping_loop;
 pub mod stick_slip;

@@ -24,6 +24,7 @@
 use crate::closed_loop::Plant;
 use crate::elastoplastic_friction::ElastoplasticFriction;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
+use crate::rig_effects::{Element, GRAVITY_M_S2, RigEffects, SliderSensor};
 use nalgebra::{SMatrix, SVector};
 
 /// Integration steps in one sample of 50 us.
@@ -49,6 +50,8 @@ pub struct StickSlipActuator {
     pub friction: ElastoplasticFriction,
     /// Mass of the end-effector, kg.
     pub end_effector_mass_kg: f64,
+    /// What it has beyond the model of chapter 3.
+    pub effects: RigEffects,
 }
 
 /// How the equations are integrated.
@@ -68,6 +71,8 @@ pub struct StickSlipMotion {
     pub platform_um: Vec<f64>,
     /// Displacement of the end-effector, `x_2`.
     pub end_effector_um: Vec<f64>,
+    /// What the sensor of the end-effector reads.
+    pub reading_um: Vec<f64>,
 }
 
 type State = SVector<f64, 5>;
@@ -139,10 +144,11 @@ impl StickSlipActuator {
                 breakaway_ratio: Some(0.801),
             },
             end_effector_mass_kg,
+            effects: RigEffects::default(),
         }
     }
 
-    /// Force-equivalent displacement of the hysteresis for a drive, um.
+    /// Force-equivalent displacement of the hysteresis alone for a drive, um.
     #[must_use]
     pub fn force_equivalent_um(&self, drive_v: &[f64]) -> Vec<f64> {
         let mut hysteresis =
@@ -150,11 +156,47 @@ impl StickSlipActuator {
         drive_v.iter().map(|u| hysteresis.step(*u)).collect()
     }
 
+    /// Force-equivalent displacement of the whole element, with its effects, um.
+    #[must_use]
+    pub fn element_um(&self, drive_v: &[f64], sample_rate_hz: f64) -> Vec<f64> {
+        let mut element = Element::at_rest(self.effects, self.drive_range_v, 1.0 / sample_rate_hz);
+        let loops_um = self.force_equivalent_um(drive_v);
+        let pairs = drive_v.iter().zip(loops_um);
+        pairs.map(|(u, um)| element.step(*u, um)).collect()
+    }
+
+    /// The rig whose own contact and mass are those that the effects make of them.
+    fn with_changed_contact(&self) -> Self {
+        let mut rig = self.clone();
+        let effects = &mut rig.effects;
+        let preload = 1.0 + std::mem::take(&mut effects.preload_share);
+        let friction = 1.0 + std::mem::take(&mut effects.friction_share);
+        let stiffness = 1.0 + std::mem::take(&mut effects.contact_stiffness_share);
+        rig.end_effector_mass_kg *= 1.0 + std::mem::take(&mut effects.slider_mass_share);
+        rig.friction.coulomb_force_n *= preload * friction;
+        rig.friction.stiffness_n_um *= preload * stiffness;
+        rig
+    }
+
+    /// Where the rig rests: the bristles carry what the slider weighs along the travel.
+    fn at_rest(&self) -> State {
+        let sliding_n = self.friction.coulomb_force_n;
+        let carried_n = self.weight_along_n().clamp(-sliding_n, sliding_n);
+        let bend_um = carried_n / self.friction.stiffness_n_um;
+        let platform_um = -carried_n / self.platform_stiffness_n_um;
+        State::new(platform_um, 0.0, 0.0, 0.0, bend_um)
+    }
+
+    /// Weight of the slider against the direction of travel, N.
+    fn weight_along_n(&self) -> f64 {
+        self.end_effector_mass_kg * GRAVITY_M_S2 * self.effects.tilt_rad.sin()
+    }
+
     /// Motion for a drive that is held from each sample to the next; at rest before the first.
     #[must_use]
     pub fn simulate(&self, drive_v: &[f64], sample_rate_hz: f64) -> StickSlipMotion {
         self.simulate_with(
-            &self.force_equivalent_um(drive_v),
+            &self.element_um(drive_v, sample_rate_hz),
             sample_rate_hz,
             Integrator::default(),
             SUBSTEPS,
@@ -172,13 +214,16 @@ impl StickSlipActuator {
         substeps: usize,
     ) -> StickSlipMotion {
         let dt_s = 1.0 / sample_rate_hz / substeps.max(1) as f64;
-        let mut state = State::zeros();
+        let rig = self.with_changed_contact();
+        let mut state = rig.at_rest();
+        let mut sensor = SliderSensor::at_rest(self.effects, 1.0 / sample_rate_hz);
         let mut motion = StickSlipMotion::default();
         for force in force_um {
             motion.platform_um.push(state[0]);
             motion.end_effector_um.push(state[2]);
+            motion.reading_um.push(sensor.step(state[2]));
             for _ in 0..substeps.max(1) {
-                state = self.step(&state, *force, dt_s, integrator);
+                state = rig.step(&state, *force, dt_s, integrator);
             }
         }
         motion
@@ -194,16 +239,22 @@ impl StickSlipActuator {
     /// Time derivative of (x_1, v_1, x_2, v_2, z).
     fn derivative(&self, state: &State, force_um: f64) -> State {
         let omega = self.natural_frequency_rad_s;
-        let (x1, v1, v2, z) = (state[0], state[1], state[3], state[4]);
-        let bend_rate = self.friction.bend_rate(z, v1 - v2);
-        let friction_n = self.friction.force_n(z, bend_rate);
+        let (x1, v1, x2, v2, z) = (state[0], state[1], state[2], state[3], state[4]);
+        let (effects, mut friction) = (&self.effects, self.friction);
+        if effects.has_varying_friction() {
+            friction.coulomb_force_n *= effects.friction_factor(x2, v1 - v2);
+        }
+        let bend_rate = friction.bend_rate(z, v1 - v2);
+        let friction_n = friction.force_n(z, bend_rate);
+        let guide_n = effects.guide_stiffness_n_um * x2 + effects.guide_viscosity_n_s_um * v2;
+        let slider_n = friction_n - guide_n - self.weight_along_n();
         // The platform's mass is K / omega^2, so its reaction is friction omega^2 / K.
         State::new(
             v1,
             omega * omega * (force_um - x1 - friction_n / self.platform_stiffness_n_um)
                 - 2.0 * self.damping_ratio * omega * v1,
             v2,
-            friction_n * 1e6 / self.end_effector_mass_kg,
+            slider_n * 1e6 / self.end_effector_mass_kg,
             bend_rate,
         )
     }
@@ -268,6 +319,9 @@ impl StickSlipActuator {
 pub struct StickSlipPlant {
     actuator: StickSlipActuator,
     hysteresis: OneSidedHysteresis,
+    element: Element,
+    sensor: SliderSensor,
+    reading_um: f64,
     state: State,
     substep_s: f64,
 }
@@ -276,11 +330,15 @@ impl StickSlipPlant {
     /// At rest and virgin at 0 V, sampled with this period.
     #[must_use]
     pub fn at_rest(actuator: StickSlipActuator, period_s: f64) -> Self {
-        let surfaces = actuator.hysteresis.clone();
+        let (surfaces, effects) = (actuator.hysteresis.clone(), actuator.effects);
+        let actuator = actuator.with_changed_contact();
         Self {
             hysteresis: OneSidedHysteresis::virgin(surfaces, 0.0, actuator.drive_range_v),
+            element: Element::at_rest(effects, actuator.drive_range_v, period_s),
+            sensor: SliderSensor::at_rest(effects, period_s),
+            reading_um: 0.0,
+            state: actuator.at_rest(),
             actuator,
-            state: State::zeros(),
             substep_s: period_s / SUBSTEPS as f64,
         }
     }
@@ -288,11 +346,13 @@ impl StickSlipPlant {
 
 impl Plant for StickSlipPlant {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
-        let force_um = self.hysteresis.step(drive_v) + external_um;
+        let loops_um = self.hysteresis.step(drive_v);
+        let force_um = self.element.step(drive_v, loops_um) + external_um;
         for _ in 0..SUBSTEPS {
             self.state =
                 (self.actuator).step(&self.state, force_um, self.substep_s, Integrator::default());
         }
+        self.reading_um = self.sensor.step(self.state[2]);
     }
 
     fn displacement_um(&self) -> f64 {
@@ -300,7 +360,7 @@ impl Plant for StickSlipPlant {
     }
 
     fn sensor_um(&self) -> f64 {
-        self.state[2]
+        self.reading_um
     }
 }
 

@@ -6,9 +6,12 @@
 //! * *Friction*: LuGre (Canudas de Wit et al. 1995), whose bristle slides a little at every force, with
 //!   Stribeck's fall from the break-away force. The project's law is elastic up to break-away.
 //! * *Hysteresis*: [`PLAYS`] play operators behind a curved drive instead of polynomial surfaces.
+//! * *Alterations* ([`Alteration`]): wear is exponential, the sensor's target slips as Dahl's friction lets it, and
+//!   creep has [`CREEPS`] parts.
 //! * *Motion*: semi-implicit Euler in [`SUBSTEPS`] steps; the bristle moves exactly for a constant velocity.
 
 use hysteron_sim::closed_loop::Plant;
+use std::collections::VecDeque;
 
 /// Play operators.
 pub const PLAYS: usize = 24;
@@ -57,10 +60,47 @@ impl RigFactors {
     }
 }
 
+/// What happened to a rig since it was modelled; all zero is nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Alteration {
+    /// Relative change of the contact's stiffness.
+    pub contact_stiffness: f64,
+    /// What the break-away force has more, as a share of the sliding force.
+    pub breakaway: f64,
+    /// The travel points upward, rad.
+    pub tilt_rad: f64,
+    /// Spring of the guide, N/um.
+    pub guide_n_um: f64,
+    /// Viscous force of the guide, N s/um.
+    pub guide_n_s_um: f64,
+    /// Logarithm of the friction along the travel, 1/um.
+    pub wear_per_um: f64,
+    /// Relative change of the element's gain.
+    pub gain: f64,
+    /// Creep of the element in a decade of time.
+    pub creep: f64,
+    /// Relative change of the sensor's scale.
+    pub scale: f64,
+    /// Time constant of the sensor, s.
+    pub lag_s: f64,
+    /// How far the sensor's target lags behind the slider when it slips, um.
+    pub slip_um: f64,
+    /// Dead time of the drive, s.
+    pub delay_s: f64,
+}
+
+/// Parts of the creep, from 1 ms on, four in a decade.
+pub const CREEPS: usize = 14;
+
 /// The rig with its state.
 #[derive(Clone, Debug)]
 pub struct LugreRig {
     factors: RigFactors,
+    altered: Alteration,
+    creeps_um: [f64; CREEPS],
+    late_um: VecDeque<f64>,
+    target_um: f64,
+    reading_um: f64,
     step_s: f64,
     plays_v: [f64; PLAYS],
     platform: [f64; 2],
@@ -84,6 +124,8 @@ const PLATFORM: [f64; 3] = [1500.0, 0.75, 45.0];
 const MASS_KG: f64 = 0.0635;
 /// Contact: stiffness, N/um, damping, N s/um, viscous part, N s/um.
 const CONTACT: [f64; 3] = [0.5, 2.5e-4, 1e-6];
+/// Gravity, m/s^2.
+const GRAVITY_M_S2: f64 = 9.81;
 /// Sliding and break-away force, N, and Stribeck's velocity, um/s.
 const FORCES: [f64; 3] = [0.036, 0.043, 400.0];
 
@@ -91,14 +133,63 @@ impl LugreRig {
     /// At rest at 0 V, sampled with this period.
     #[must_use]
     pub fn at_rest(factors: RigFactors, period_s: f64) -> Self {
+        Self::altered_at_rest(factors, Alteration::default(), period_s)
+    }
+
+    /// The same for a rig that was altered.
+    #[must_use]
+    pub fn altered_at_rest(factors: RigFactors, altered: Alteration, period_s: f64) -> Self {
+        let step_s = period_s / SUBSTEPS as f64;
+        let weight_n = MASS_KG * factors.mass * GRAVITY_M_S2 * altered.tilt_rad.sin();
+        let sigma_0 = CONTACT[0] * factors.preload * (1.0 + altered.contact_stiffness);
         Self {
             factors,
-            step_s: period_s / SUBSTEPS as f64,
+            altered,
+            creeps_um: [0.0; CREEPS],
+            late_um: VecDeque::from(vec![0.0; (altered.delay_s / step_s).round() as usize]),
+            target_um: 0.0,
+            reading_um: 0.0,
+            step_s,
             plays_v: [0.0; PLAYS],
             platform: [0.0; 2],
             slider: [0.0; 2],
-            bristle_um: 0.0,
+            bristle_um: weight_n / sigma_0,
         }
+    }
+
+    /// Where the platform is, um.
+    #[must_use]
+    pub fn platform_um(&self) -> f64 {
+        self.platform[0]
+    }
+
+    /// Displacement that the drive would make at rest, with creep, um.
+    fn element_um(&mut self, drive_v: f64) -> f64 {
+        let loops_um = self.force_equivalent_um(drive_v);
+        for (nth, creep) in self.creeps_um.iter_mut().enumerate() {
+            let tau_s = 1e-3 * 10f64.powf(nth as f64 / 4.0);
+            *creep += (loops_um - *creep) * (SUBSTEPS as f64 * self.step_s / tau_s).min(1.0);
+        }
+        let crept_um: f64 = self.creeps_um.iter().sum();
+        loops_um * (1.0 + self.altered.gain) + 0.25 * self.altered.creep * crept_um
+    }
+
+    /// The sensor, one step on.
+    fn read(&mut self, moved_um: f64) {
+        if self.altered.slip_um > 0.0 {
+            // The target lags behind by at most so much.
+            let lags = (self.slider[0] - moved_um - self.target_um) / self.altered.slip_um;
+            let slips = (lags * moved_um.signum()).clamp(0.0, 1.0);
+            self.target_um += moved_um * slips;
+        } else {
+            self.target_um = self.slider[0];
+        }
+        let gone = if self.altered.lag_s > 0.0 {
+            1.0 - (-self.step_s / self.altered.lag_s).exp()
+        } else {
+            1.0
+        };
+        self.reading_um += gone * (self.target_um - self.reading_um);
     }
 
     /// Displacement that the drive would make at rest, um.
@@ -119,18 +210,24 @@ impl LugreRig {
 
 impl Plant for LugreRig {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
-        let force_um = self.force_equivalent_um(drive_v) + external_um;
+        let force_now_um = self.element_um(drive_v) + external_um;
+        let altered = self.altered;
         let [omega, damping_ratio, stiffness_n_um] = PLATFORM;
         let [sigma_0, sigma_1, sigma_2] = CONTACT;
-        let sigma_0 = sigma_0 * self.factors.preload;
+        let sigma_0 = sigma_0 * self.factors.preload * (1.0 + altered.contact_stiffness);
         let [sliding_n, breakaway_n, stribeck_um_s] = FORCES;
         let of_force = self.factors.friction * self.factors.preload;
         let mass_kg = MASS_KG * self.factors.mass;
+        let breakaway_n = breakaway_n + altered.breakaway * sliding_n;
+        let weight_along_n = mass_kg * GRAVITY_M_S2 * altered.tilt_rad.sin();
         let dt = self.step_s;
         for _ in 0..SUBSTEPS {
+            self.late_um.push_back(force_now_um);
+            let force_um = self.late_um.pop_front().unwrap_or(force_now_um);
             let velocity = self.platform[1] - self.slider[1];
             let weight = (-(velocity / stribeck_um_s).powi(2)).exp();
-            let level_n = of_force * (sliding_n + (breakaway_n - sliding_n) * weight);
+            let worn = (altered.wear_per_um * self.slider[0]).exp();
+            let level_n = worn * of_force * (sliding_n + (breakaway_n - sliding_n) * weight);
             let steady_um = (level_n / sigma_0).copysign(velocity);
             let gone = (-velocity.abs() * dt * sigma_0 / level_n).exp();
             let bent_um = steady_um + (self.bristle_um - steady_um) * gone;
@@ -143,8 +240,12 @@ impl Plant for LugreRig {
                 - 2.0 * damping_ratio * omega * v;
             self.platform[1] += dt * pull;
             self.platform[0] += dt * self.platform[1];
-            self.slider[1] += dt * friction_n * 1e6 / mass_kg;
-            self.slider[0] += dt * self.slider[1];
+            let guide_n =
+                altered.guide_n_um * self.slider[0] + altered.guide_n_s_um * self.slider[1];
+            self.slider[1] += dt * (friction_n - guide_n - weight_along_n) * 1e6 / mass_kg;
+            let moved_um = dt * self.slider[1];
+            self.slider[0] += moved_um;
+            self.read(moved_um);
         }
     }
 
@@ -153,7 +254,7 @@ impl Plant for LugreRig {
     }
 
     fn sensor_um(&self) -> f64 {
-        self.slider[0]
+        self.reading_um * (1.0 + self.altered.scale)
     }
 }
 

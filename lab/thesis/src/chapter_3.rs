@@ -703,6 +703,7 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         damping_ratio: platform.values[1],
         friction: rig.friction,
         end_effector_mass_kg: MASS_KG,
+        effects: rig.effects,
     };
     let drive_50 = saw_tooth(60.0, 50.0, CYCLES);
     let reading_50 = noisy(

@@ -13,6 +13,7 @@ use crate::stepping::Measured;
 use hysteron_sim::chain::Model;
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
+use hysteron_sim::rig_effects::RigEffects;
 use hysteron_sim::stick_slip::{Integrator, StickSlipActuator};
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -196,6 +197,7 @@ pub fn rig_on_platform(
         damping_ratio: mode.damping_ratio,
         friction: friction_at(&[-3.0, -1.0, -8.0, 1.0]),
         end_effector_mass_kg: slider_kg,
+        effects: RigEffects::default(),
     })
 }
 

@@ -3,8 +3,13 @@
 use crate::error::{Error, Result};
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
+use hysteron_sim::rig_effects::{RigEffects, parameters};
 use hysteron_sim::stick_slip::StickSlipActuator;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Highest power of a surface's coefficients: those that the program writes have five.
+const POWERS_MAX: usize = 16;
 
 /// The values of [`StickSlipActuator`], by their names there.
 #[derive(Serialize, Deserialize)]
@@ -21,6 +26,66 @@ struct RigFile {
     breakaway_ratio: Option<f64>,
     g_um: Vec<Vec<f64>>,
     r_um: Vec<f64>,
+    /// Values of [`RigEffects`] that are not zero, by their names there.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    effects: BTreeMap<String, f64>,
+}
+
+/// Whether a text is meant to be a rig, right or wrong.
+#[must_use]
+pub fn is_rig(text: &str) -> bool {
+    toml::from_str::<toml::Table>(text)
+        .is_ok_and(|table| table.contains_key("end_effector_mass_kg"))
+}
+
+/// The effects of a file.
+fn effects(file: &RigFile, place: &str) -> Result<RigEffects> {
+    let mut effects = RigEffects::default();
+    for (name, value) in &file.effects {
+        let Some(parameter) = parameters().find(|p| p.name == name) else {
+            return Err(Error::new(place, format!("effects: no value {name}")));
+        };
+        let [least, most] = parameter.range;
+        if !(least..=most).contains(value) {
+            let expected = format!("{name} = {value}: expected {least} to {most}");
+            return Err(Error::new(place, expected));
+        }
+        *(parameter.place)(&mut effects) = *value;
+    }
+    Ok(effects)
+}
+
+/// What is wrong with the numbers of a file that must not be below zero, or with its surfaces.
+fn first_wrong(file: &RigFile) -> Option<String> {
+    let above_zero = [
+        ("drive_range_v", file.drive_range_v),
+        ("platform_stiffness_n_um", file.platform_stiffness_n_um),
+        ("natural_frequency_rad_s", file.natural_frequency_rad_s),
+        ("damping_ratio", file.damping_ratio),
+        ("end_effector_mass_kg", file.end_effector_mass_kg),
+        ("contact_stiffness_n_um", file.contact_stiffness_n_um),
+        ("contact_damping_n_s_um", file.contact_damping_n_s_um),
+        ("coulomb_force_n", file.coulomb_force_n),
+    ];
+    let wrong = (above_zero.iter()).find(|(_, value)| !(*value > 0.0 && value.is_finite()));
+    if let Some((name, value)) = wrong {
+        return Some(format!("{name} = {value}: expected above 0"));
+    }
+    if let Some(ratio) = (file.breakaway_ratio).filter(|ratio| !(0.0..1.0).contains(ratio)) {
+        return Some(format!(
+            "breakaway_ratio = {ratio}: expected from 0 to below 1"
+        ));
+    }
+    let powers = file.g_um.len();
+    let is_square = file.g_um.iter().all(|row| row.len() == powers);
+    let numbers = file.g_um.iter().flatten().chain(&file.r_um);
+    if !(1..=POWERS_MAX).contains(&powers) || !is_square || file.r_um.len() > POWERS_MAX {
+        return Some(format!(
+            "g_um, r_um: expected as many rows as columns, 1 to {POWERS_MAX}"
+        ));
+    }
+    (!numbers.clone().all(|number| number.is_finite()))
+        .then(|| "g_um, r_um: expected finite numbers".into())
 }
 
 /// The text of a file.
@@ -41,6 +106,10 @@ pub fn to_toml(rig: &StickSlipActuator) -> Result<String> {
         breakaway_ratio: friction.breakaway_ratio,
         g_um: rig.hysteresis.g.clone(),
         r_um: rig.hysteresis.r.clone(),
+        effects: parameters()
+            .map(|parameter| (parameter.name.to_owned(), parameter.value(&rig.effects)))
+            .filter(|(_, value)| *value != 0.0)
+            .collect(),
     };
     toml::to_string(&file).map_err(|error| Error::new("rig", error.to_string()))
 }
@@ -48,27 +117,14 @@ pub fn to_toml(rig: &StickSlipActuator) -> Result<String> {
 /// Reads the text of a file, which is called `place` in messages.
 ///
 /// # Errors
-/// A field is missing, unknown or not above zero.
+/// A field is missing, unknown or outside what its physics allows.
 pub fn from_toml(text: &str, place: &str) -> Result<StickSlipActuator> {
     let file: RigFile = toml::from_str(text).map_err(|error| Error::new(place, error.message()))?;
-    for (name, value) in [
-        ("drive_range_v", file.drive_range_v),
-        ("platform_stiffness_n_um", file.platform_stiffness_n_um),
-        ("natural_frequency_rad_s", file.natural_frequency_rad_s),
-        ("damping_ratio", file.damping_ratio),
-        ("end_effector_mass_kg", file.end_effector_mass_kg),
-        ("contact_stiffness_n_um", file.contact_stiffness_n_um),
-        ("contact_damping_n_s_um", file.contact_damping_n_s_um),
-        ("coulomb_force_n", file.coulomb_force_n),
-    ] {
-        if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::new(
-                place,
-                format!("{name} = {value}: expected above 0"),
-            ));
-        }
+    if let Some(problem) = first_wrong(&file) {
+        return Err(Error::new(place, problem));
     }
     Ok(StickSlipActuator {
+        effects: effects(&file, place)?,
         hysteresis: Surfaces {
             g: file.g_um,
             r: file.r_um,
