@@ -18,7 +18,7 @@ use crate::read_arguments::ReadArguments;
 use crate::reproduce;
 use crate::{
     add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build,
-    identify, manual, plant, score, screen, simulate, stepping, survey, track,
+    identify, manual, plant, rig, score, screen, simulate, stepping, survey, track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -565,6 +565,9 @@ fn dispatch(command: Command) -> Result<bool> {
                 return axes::explain(&dataset, None, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
             }
             let wanted = explain::ExplainRequest { held_out: held_out.as_deref(), from: &from, search: &search, verbose, time, animation: animation.as_deref() };
+            if rig::is_rig(&from) {
+                return rig::explain(&dataset, &wanted, &reading, &outputs);
+            }
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {

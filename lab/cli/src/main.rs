@@ -34,6 +34,7 @@ mod progress;
 mod read_arguments;
 #[cfg(feature = "thesis")]
 mod reproduce;
+mod rig;
 mod score;
 mod screen;
 mod simulate;

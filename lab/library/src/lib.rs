@@ -91,6 +91,8 @@ pub mod replay;
 #[doc(hidden)]
 pub mod response;
 #[doc(hidden)]
+pub mod rig_diagnosis;
+#[doc(hidden)]
 pub mod series;
 pub mod servo;
 #[doc(hidden)]

@@ -178,7 +178,7 @@ pub fn measure(dataset: &Dataset) -> Result<SteppingMeasure> {
 }
 
 /// Samples of a signal that hold one value for long enough.
-fn rests(drive_v: &[f64]) -> Vec<Range<usize>> {
+pub fn rests(drive_v: &[f64]) -> Vec<Range<usize>> {
     let mut found = Vec::new();
     let mut from = 0;
     for k in 1..=drive_v.len() {

@@ -70,6 +70,7 @@ mod html;
 mod loops;
 mod of_findings;
 mod page;
+mod rig_page;
 mod servo_plots;
 pub mod servo_words;
 mod stepping_page;
@@ -91,6 +92,7 @@ pub use page::{
     Axis, Band, CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section,
     Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep, When, Width,
 };
+pub use rig_page::rig_page;
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};
 pub use stepping_page::stepping_page;
 pub use survey_page::survey_page;

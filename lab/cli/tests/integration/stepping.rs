@@ -1,6 +1,9 @@
 //! The recording of a stick-slip drive, measured.
 
 use crate::common::hysteron;
+use hysteron::rig_diagnosis::planted::{NOISE_UM, rig_drives};
+use hysteron::servo::stepping_rig;
+use hysteron_sim::rig_effects::RigEffects;
 use hysteron_sim::stick_slip::StickSlipActuator;
 use hysteron_sim::waveform;
 use std::fmt::Write;
@@ -138,4 +141,123 @@ fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
         (found("stiffness_n_um") / 0.482 - 1.0).abs() < 0.06,
         "{text}"
     );
+}
+
+/// A folder with the rig that was identified, and recordings of it with these effects.
+fn recorded_rig(effects: RigEffects) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = StickSlipActuator::thesis(0.0635);
+    let text = stepping_rig::to_toml(&rig).unwrap();
+    std::fs::write(folder.path().join("rig.toml"), text).unwrap();
+    rig.effects = effects;
+    let mut manifest = "name = \"rig\"\ndrive_min_v = 0.0\ndrive_max_v = 100.0\n".to_owned();
+    for (nth, (name, role, drive_v)) in rig_drives(3).into_iter().enumerate() {
+        let mut noise = hysteron::WhiteNoise::new(NOISE_UM, nth as u64);
+        let reading_um = rig.simulate(&drive_v, SAMPLE_RATE_HZ).reading_um;
+        let reading_um: Vec<f64> = reading_um.iter().map(|y| y + noise.next_um()).collect();
+        let rows = csv(&drive_v, &reading_um);
+        std::fs::write(folder.path().join(format!("{name}.csv")), rows).unwrap();
+        let role = role.name();
+        writeln!(
+            manifest,
+            "\n[[record]]\nfile = \"{name}.csv\"\nrole = \"{role}\"\ninitial_state = \"virgin\""
+        )
+        .unwrap();
+    }
+    std::fs::write(folder.path().join("dataset.toml"), manifest).unwrap();
+    folder
+}
+
+/// Explains the recordings of a folder, and gives the figures.
+fn explained(folder: &Path) -> serde_json::Value {
+    let arguments = [
+        "explain",
+        ".",
+        "--from",
+        "rig.toml",
+        "--out",
+        "better.toml",
+        "--json",
+        "found.json",
+        "--report",
+        "found.html",
+    ];
+    let output = hysteron(&arguments, folder);
+    println!("{}", String::from_utf8_lossy(&output.stdout));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let page = std::fs::read_to_string(folder.join("found.html")).unwrap();
+    assert!(page.contains("What is missing") && page.contains("held out"));
+    serde_json::from_str(&std::fs::read_to_string(folder.join("found.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_tilt_of_the_rig_is_named_and_its_model_is_written() {
+    let tilt_rad = 0.015;
+    let folder = recorded_rig(RigEffects {
+        tilt_rad,
+        ..RigEffects::default()
+    });
+    let found = explained(folder.path());
+    assert_eq!(found["verdict"], "named", "{found}");
+    assert_eq!(found["findings"][0]["effects"], serde_json::json!(["tilt"]));
+    let held_out = found["residual_rms_after_um"]["validate"].as_f64().unwrap();
+    assert!((held_out / NOISE_UM - 1.0).abs() < 0.05, "{held_out}");
+    let text = std::fs::read_to_string(folder.path().join("better.toml")).unwrap();
+    let rig = stepping_rig::from_toml(&text, "better.toml").unwrap();
+    assert!(
+        (rig.effects.tilt_rad / tilt_rad - 1.0).abs() < 0.02,
+        "{text}"
+    );
+}
+
+#[test]
+fn a_rig_without_anything_hidden_names_nothing() {
+    let found = explained(recorded_rig(RigEffects::default()).path());
+    assert_eq!(found["verdict"], "at_floor", "{found}");
+    assert_eq!(found["findings"], serde_json::json!([]));
+}
+
+#[test]
+fn recordings_and_rigs_that_do_not_suit_are_refused() {
+    let folder = recorded_rig(RigEffects::default());
+    let rig = std::fs::read_to_string(folder.path().join("rig.toml")).unwrap();
+    let up = std::fs::read_to_string(folder.path().join("up.csv")).unwrap();
+    let file = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+    file(
+        "negative.toml",
+        rig.replace("coulomb_force_n = ", "coulomb_force_n = -"),
+    );
+    file("surface.toml", rig.replace("g_um = [[", "g_um = [[], ["));
+    file("effect.toml", format!("{rig}\n[effects]\ntilt_rad = 7.0\n"));
+    file(
+        "short.toml",
+        rig.replace("drive_range_v = 100.0", "drive_range_v = 20.0"),
+    );
+    file(
+        "late.csv",
+        up.lines()
+            .take(1)
+            .chain(up.lines().skip(1200))
+            .collect::<Vec<_>>()
+            .join("\n"),
+    );
+    file(
+        "few.csv",
+        up.lines().take(40).collect::<Vec<_>>().join("\n"),
+    );
+    for (data, from, expected) in [
+        ("up.csv", "negative.toml", "coulomb_force_n"),
+        ("up.csv", "surface.toml", "g_um"),
+        ("up.csv", "effect.toml", "tilt_rad"),
+        ("up.csv", "short.toml", "20 V"),
+        ("late.csv", "rig.toml", "from rest at 0 V"),
+        ("few.csv", "rig.toml", "samples"),
+    ] {
+        let output = hysteron(&["explain", data, "--from", from], folder.path());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{data} {from}: {errors}");
+        assert!(errors.contains(expected), "{data} {from}: {errors}");
+        assert!(!errors.contains("panicked"), "{errors}");
+    }
 }

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 
 /// Mean squares of a model by block, of every judged record.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Losses(pub(super) Vec<Vec<f64>>);
+pub struct Losses(pub Vec<Vec<f64>>);
 
 impl Losses {
     /// The mean square on a record.
@@ -38,17 +38,17 @@ pub enum Fate {
 /// How losses are compared: units, weights and margins by record.
 pub struct Scale {
     /// Weight of each record in the whole.
-    pub(super) weights: Vec<f64>,
+    pub weights: Vec<f64>,
     /// Which records are held out.
-    pub(super) held_out: Vec<bool>,
+    pub held_out: Vec<bool>,
     /// Mean square of the best model on each record, um^2, not below its noise.
-    pub(super) unit_um2: Vec<f64>,
+    pub unit_um2: Vec<f64>,
     /// Differences below this many units do not matter, by record.
-    pub(super) margin: Vec<f64>,
+    pub margin: Vec<f64>,
     /// Held-out errors that differ by less than this share do not differ.
-    pub(super) same_held_out: f64,
+    pub same_held_out: f64,
     /// A mean square below this share of another needs no test.
-    pub(super) beyond_chance: f64,
+    pub beyond_chance: f64,
 }
 
 /// Resamples of the blocks.

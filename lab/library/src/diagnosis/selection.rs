@@ -8,6 +8,7 @@
 
 use super::confidence_set::{Fate, Losses, Scale, confidence_set};
 use super::judgement::Judged;
+use super::policy::Policy;
 use super::pool::{Entry, Move, Pool};
 use super::study::Study;
 use crate::identification::fit::{blocks, dot};
@@ -106,7 +107,7 @@ impl Scale {
             })
             .collect();
         let margin = (0..both.len())
-            .map(|r| margin(study, noise_um2(r), unit_um2[r]))
+            .map(|r| margin(policy, noise_um2(r), unit_um2[r]))
             .collect();
         let is_held_out = |i: &usize| !study.split.identify.contains(i);
         Self {
@@ -121,8 +122,7 @@ impl Scale {
 }
 
 /// The margin as a share of a mean square, in which the noise has a part.
-fn margin(study: &Study, noise_um2: Option<f64>, of_um2: f64) -> f64 {
-    let policy = &study.policy;
+pub fn margin(policy: &Policy, noise_um2: Option<f64>, of_um2: f64) -> f64 {
     let remains = noise_um2.map_or(1.0, |noise_um2| 1.0 - noise_um2 / of_um2);
     (policy.matters_at_noise * (1.0 - remains) + policy.matters_of_remainder * remains)
         .max(policy.matters_at_noise)
@@ -133,7 +133,7 @@ fn margin(study: &Study, noise_um2: Option<f64>, of_um2: f64) -> f64 {
 pub fn least_difference_um(study: &Study, error_um: f64) -> f64 {
     let noise_um2 = study.floor_um.map(|um| (study.as_the_noise() * um).powi(2));
     let of_um2 = (error_um * error_um).max(noise_um2.unwrap_or(f64::MIN_POSITIVE));
-    (margin(study, noise_um2, of_um2) * of_um2).sqrt()
+    (margin(&study.policy, noise_um2, of_um2) * of_um2).sqrt()
 }
 
 /// The simplest models of a pool that the data cannot reject, best first, by their keys: of those with the
@@ -242,7 +242,6 @@ pub fn end(pool: &mut Pool, minimal: &[String]) -> Entry {
 mod tests {
     use super::*;
     use crate::dataset::{Dataset, Record, Role};
-    use crate::diagnosis::policy::Policy;
     use crate::diagnosis::pool::{added, key};
     use crate::identification::noise_floor::noise_floor;
     use crate::model_file::effects_named;
