@@ -8,6 +8,7 @@ pub mod learning_study;
 pub mod light_mode_study;
 pub mod other_actuators;
 pub mod published_stepping;
+pub mod rig_diagnosis_study;
 pub mod stick_slip_study;
 
 /// The numbers of the stages of a study: `COUNT FIRST` on its command line, else 24 from 0 on.

@@ -12,7 +12,7 @@ pub const WATCHED_S: f64 = 0.1;
 /// Longest move, s.
 pub const WITHIN_S: f64 = 120.0;
 /// Mass of the thesis' slider, kg.
-const MASS_KG: f64 = 0.0635;
+pub const MASS_KG: f64 = 0.0635;
 
 /// The equations of a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +49,8 @@ pub fn thesis_design() -> Result<SteppingDesign, String> {
 }
 
 /// The thesis' rig with other friction, mass, preload and loops.
-fn chapter_3(factors: RigFactors) -> StickSlipActuator {
+#[must_use]
+pub fn chapter_3(factors: RigFactors) -> StickSlipActuator {
     let mut rig = thesis_rig();
     rig.end_effector_mass_kg *= factors.mass;
     rig.friction.coulomb_force_n *= factors.friction * factors.preload;

@@ -1,0 +1,229 @@
+//! Stick-slip rigs with a hidden effect, by two sets of equations, and what the search names.
+//!
+//! Five rigs differ by 30 % in friction, mass, preload and width of the loops. Each is identified from
+//! recordings before anything happens to it. Then it is altered, recorded again and diagnosed with the model
+//! from before. LuGre's equations have no exact model: there contact, Stribeck's fall and element are fitted first
+//! to recordings of the unaltered rig.
+
+use crate::stick_slip_study::{Equations, MASS_KG, chapter_3};
+use hysteron::dataset::{Dataset, Record};
+use hysteron::rig_diagnosis::fit::{RigFit, RigValues};
+use hysteron::rig_diagnosis::planted::{
+    NOISE_UM, SAMPLE_RATE_HZ, mark, planted_effects, recorded, said,
+};
+use hysteron::rig_diagnosis::{RigData, diagnose_rig};
+use hysteron::servo::stepping_contact::{identify_contact, rig_on_platform};
+use hysteron::{Policy, Unwatched, WhiteNoise, effects_named, identify};
+use hysteron_sim::closed_loop::Plant;
+use hysteron_sim::rig_effects::{RIG_EFFECTS, RigEffects};
+use hysteron_sim::stick_slip::StickSlipActuator;
+use hysteron_sim::waveform::{concatenate, hold, saw_tooth, triangles};
+use hysteron_tests::lugre_rig::{Alteration, LugreRig, RigFactors};
+
+/// Effects that the model of a LuGre rig gets before anything happens to it: those of its equations.
+const COMPLETED: [&str; 5] = [
+    "stribeck",
+    "guide_viscosity",
+    "element_gain",
+    "element_hysteresis",
+    "element_creep",
+];
+/// Refinements of all of them together.
+const REFINEMENTS: usize = 3;
+
+/// A rig with the model from before it was altered.
+pub struct ModelledRig {
+    equations: Equations,
+    factors: RigFactors,
+    /// The model.
+    pub start: StickSlipActuator,
+}
+
+/// What happens to a LuGre rig.
+fn alteration(effects: &RigEffects, mut factors: RigFactors) -> (RigFactors, Alteration) {
+    /// Stroke that goes through plays, um.
+    const PLAYED_UM: f64 = 0.3 * 13.5;
+    factors.preload *= 1.0 + effects.preload_share;
+    factors.friction *= 1.0 + effects.friction_share;
+    factors.mass *= 1.0 + effects.slider_mass_share;
+    factors.hysteresis *= 1.0 + effects.element_loops_um / PLAYED_UM;
+    let altered = Alteration {
+        contact_stiffness: effects.contact_stiffness_share,
+        breakaway: effects.stribeck_share,
+        tilt_rad: effects.tilt_rad,
+        guide_n_um: effects.guide_stiffness_n_um,
+        guide_n_s_um: effects.guide_viscosity_n_s_um,
+        wear_per_um: effects.wear_per_um,
+        gain: effects.element_gain_share,
+        creep: effects.element_creep_share,
+        scale: effects.sensor_scale_share,
+        lag_s: effects.sensor_lag_s,
+        slip_um: effects.sensor_slip_um,
+        delay_s: effects.delay_s,
+    };
+    (factors, altered)
+}
+
+/// Readings of platform and slider of a LuGre rig.
+fn lugre_um(factors: RigFactors, effects: &RigEffects, drive_v: &[f64]) -> [Vec<f64>; 2] {
+    let (factors, altered) = alteration(effects, factors);
+    let mut rig = LugreRig::altered_at_rest(factors, altered, 1.0 / SAMPLE_RATE_HZ);
+    let mut out = [Vec::new(), Vec::new()];
+    for u in drive_v {
+        out[0].push(rig.platform_um());
+        out[1].push(rig.sensor_um());
+        rig.advance(*u, 0.0);
+    }
+    out
+}
+
+fn noisy(signal: Vec<f64>, seed: u64) -> Vec<f64> {
+    let mut noise = WhiteNoise::new(NOISE_UM, seed);
+    signal.into_iter().map(|um| um + noise.next_um()).collect()
+}
+
+/// The model of a LuGre rig's platform, from a recording without the slider.
+fn lugre_platform(factors: RigFactors) -> Result<StickSlipActuator, String> {
+    let rest = hold(SAMPLE_RATE_HZ, 0.0, 0.02);
+    let vertices = [
+        0.0, 20.0, 5.0, 40.0, 10.0, 60.0, 20.0, 80.0, 0.0, 100.0, 0.0, 70.0, 30.0, 90.0, 0.0,
+    ];
+    let drive_v = concatenate(&[
+        rest.clone(),
+        triangles(SAMPLE_RATE_HZ, 2000.0, &vertices),
+        hold(SAMPLE_RATE_HZ, 40.0, 0.03),
+        rest.clone(),
+        hold(SAMPLE_RATE_HZ, 90.0, 0.03),
+        rest,
+    ]);
+    // Nothing rides on it.
+    let alone = RigFactors {
+        friction: 1e-9,
+        preload: 1e-9,
+        ..factors
+    };
+    let [platform_um, _] = lugre_um(alone, &RigEffects::default(), &drive_v);
+    let record = Record::new("platform", SAMPLE_RATE_HZ, drive_v, noisy(platform_um, 5));
+    let message = |error: hysteron::Error| error.to_string();
+    let dataset =
+        Dataset::new("platform", 0.0, 100.0, vec![record.from_virgin_state()]).map_err(message)?;
+    let effects = effects_named("hysteresis,initial_curve,vibration").map_err(message)?;
+    let platform = identify(&dataset, &effects, &Unwatched).map_err(message)?;
+    rig_on_platform(&platform.model, 45.0, MASS_KG * factors.mass)
+}
+
+impl ModelledRig {
+    /// One of the five rigs, identified.
+    ///
+    /// # Errors
+    /// Its recordings do not determine its model.
+    pub fn identified(equations: Equations, nth: usize) -> Result<Self, String> {
+        let factors = RigFactors::FIVE[nth % RigFactors::FIVE.len()];
+        let start = match equations {
+            Equations::Chapter3 => chapter_3(factors),
+            Equations::Lugre => lugre_platform(factors)?,
+        };
+        let mut this = Self {
+            equations,
+            factors,
+            start,
+        };
+        let rest = hold(SAMPLE_RATE_HZ, 0.0, 0.02);
+        let teeth = saw_tooth(SAMPLE_RATE_HZ, 60.0, 60.0, 1.0, 6);
+        let drive_v = concatenate(&[rest.clone(), teeth, rest]);
+        let reading_um = noisy(this.reading_um(&RigEffects::default(), &drive_v), 11);
+        let contact = identify_contact(&this.start, &drive_v, &reading_um, SAMPLE_RATE_HZ)?;
+        this.start.friction = contact.friction;
+        if equations == Equations::Lugre {
+            this.complete()?;
+        }
+        Ok(this)
+    }
+
+    /// Fits contact and [`COMPLETED`] to recordings of the unaltered rig.
+    fn complete(&mut self) -> Result<(), String> {
+        let dataset = self.dataset(&RigEffects::default(), 900)?;
+        let samples = Policy::default().walked_samples;
+        let data = RigData::new(&dataset, self.start.drive_range_v, samples)
+            .map_err(|error| error.to_string())?;
+        let is_completed = |nth: &usize| COMPLETED.contains(&RIG_EFFECTS[*nth].id);
+        let effects: Vec<usize> = (0..RIG_EFFECTS.len()).filter(is_completed).collect();
+        let fit = RigFit::new(&data, &self.start, &effects).with_new_contact();
+        let mut values = RigValues::default();
+        values.effects.stribeck_share = 0.2;
+        values.effects.stribeck_velocity_um_s = 400.0;
+        for _ in 0..REFINEMENTS {
+            values = fit.refined(&values);
+        }
+        self.start = fit.rig(&values);
+        Ok(())
+    }
+
+    fn reading_um(&self, effects: &RigEffects, drive_v: &[f64]) -> Vec<f64> {
+        match self.equations {
+            Equations::Chapter3 => {
+                let rig = StickSlipActuator {
+                    effects: *effects,
+                    ..chapter_3(self.factors)
+                };
+                rig.simulate(drive_v, SAMPLE_RATE_HZ).reading_um
+            }
+            Equations::Lugre => lugre_um(self.factors, effects, drive_v)[1].clone(),
+        }
+    }
+
+    /// Recordings of it with these effects.
+    ///
+    /// # Errors
+    /// A reading is not finite.
+    pub fn dataset(&self, effects: &RigEffects, seed: u64) -> Result<Dataset, String> {
+        recorded("rig", seed, &mut |drive_v| {
+            self.reading_um(effects, drive_v)
+        })
+        .map_err(|error| error.to_string())
+    }
+
+    /// What the search finds in recordings of it.
+    ///
+    /// # Errors
+    /// The recordings do not suit the model.
+    pub fn diagnosed(
+        &self,
+        dataset: &Dataset,
+    ) -> Result<hysteron::rig_diagnosis::RigDiagnosis, String> {
+        let policy = Policy::default();
+        RigData::new(dataset, self.start.drive_range_v, policy.walked_samples)
+            .and_then(|data| diagnose_rig(&data, &self.start, &policy, &Unwatched))
+            .map_err(|error| error.to_string())
+    }
+
+    /// Head of a table of cases.
+    pub const COLUMNS: &'static str =
+        "equations,effect,seed,verdict,reported,mark,before_nm,after_nm,times_noise";
+
+    /// A case, its row and its mark. No effect is a rig in which nothing is missing.
+    ///
+    /// # Errors
+    /// As [`Self::dataset`] and [`Self::diagnosed`].
+    pub fn row(&self, effect: Option<usize>, seed: u64) -> Result<(String, &'static str), String> {
+        let planted = effect.map_or_else(RigEffects::default, |nth| {
+            planted_effects(&RIG_EFFECTS[nth], seed)
+        });
+        let found = self.diagnosed(&self.dataset(&planted, seed)?)?;
+        let truth = effect.map(|nth| RIG_EFFECTS[nth].id);
+        let before = found.residual_rms_um.validate.unwrap_or(f64::NAN);
+        let mark = mark(&found, truth);
+        let row = format!(
+            "{},{},{seed},{},{},{},{:.2},{:.2},{:.3}",
+            self.equations.name(),
+            truth.unwrap_or("nothing"),
+            found.verdict.word(),
+            said(&found),
+            mark,
+            1e3 * before,
+            1e3 * found.remainder.rms_um,
+            found.remainder.times_noise.unwrap_or(f64::NAN)
+        );
+        Ok((row, mark))
+    }
+}
