@@ -14,8 +14,7 @@ use nalgebra::{DMatrix, DVector};
 /// Steps of a refinement, and the fall of the cost that ends it.
 const STEPS: usize = 10;
 const FALL_ENOUGH: f64 = 3e-4;
-/// Move of an effect's value for a derivative, in its usual size, and of a contact's value: the simulation's
-/// own error is a nanometre, which smaller moves do not exceed.
+/// Move of an effect's value for a derivative, in its usual size, and of a contact's value: about as large.
 const DERIVATIVE_STEP: f64 = 2e-3;
 const CONTACT_STEP: f64 = 5e-4;
 /// Longest step of a value, in its usual size.
