@@ -28,11 +28,13 @@ use hysteron_core::command_text::BlockPiece;
 use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
 use hysteron_core::loop_margin::{LoopMargin, NO_MARGIN};
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, fingerprint, generation, read, set_generation};
-use hysteron_core::wire::BlockError;
+use hysteron_core::parameter_block::{
+    AmplifierParameters, BLOCK_BYTES, fingerprint, generation, read, set_generation,
+};
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_core::signal_filter::{FilteredSignal, Place};
 use hysteron_core::stepping_parameters::IfStepping;
+use hysteron_core::wire::BlockError;
 use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::Brought;
 

@@ -6,8 +6,8 @@
 //! every message and gives the next command for the board; it knows nothing of probes. The log is kept in
 //! memory and written when all of it is there: a recording that failed leaves no file.
 
-use crate::log::{PAUSE, PIECE, log_table, meet, send};
 use crate::failure::{Result, whole};
+use crate::log::{PAUSE, PIECE, log_table, meet, send};
 use crate::{chip, image};
 use defmt_decoder::DecodeError;
 use std::io::Write;
