@@ -3,6 +3,7 @@
 use crate::arguments::{Outputs, as_typed};
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
+use hysteron::dataset::Role;
 use hysteron::servo::amplifier_block::{FrontEnd, block};
 use hysteron::servo::stepping_contact::{IdentifiedContact, identify_contact, rig_on_platform};
 use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
@@ -124,8 +125,11 @@ fn contact(
     let mass_kg = above_zero("--slider-kg", rig.slider_kg)?;
     let mut known = rig_on_platform(&desk.model(platform)?, stiffness, mass_kg)
         .map_err(|m| Error::new(platform.display(), m))?;
-    // A single file is two records of one tape.
-    let tape = &dataset.records[0];
+    // A single file is two records of one tape, and its rest.
+    let mut moving = dataset.records.iter().filter(|r| r.role != Role::Noise);
+    let Some(tape) = moving.next() else {
+        return Err(Error::new(&dataset.source, "no record moves"));
+    };
     let (drive_v, rate_hz) = (&tape.drive_v, tape.sample_rate_hz);
     let found = identify_contact(&known, drive_v, &tape.displacement_um, rate_hz)
         .map_err(|m| Error::new(&tape.source, m))?;

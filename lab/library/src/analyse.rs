@@ -305,6 +305,8 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         watch.event(&WatchEvent::Doing("estimating standard deviations"));
         cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
         require_finite(&model, dataset, &study.split.both())?;
+        let unseen = words::unseen(&model, dataset, last.error_um());
+        floor.warnings.splice(0..0, unseen);
     }
     let (unfixed, names): (Vec<Weighed>, Vec<Weighed>) = grown
         .weighed

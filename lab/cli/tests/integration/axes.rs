@@ -66,4 +66,8 @@ fn a_decoupled_servo_is_checked_as_a_whole() {
             "{servo}"
         );
     }
+    // A stage far from the model is a loop without bound, and no panic.
+    let far = ["axes", "decouple", "model.toml", "--hidden-coupling", "5"];
+    let done = hysteron(&far, folder.path());
+    assert_eq!(done.status.code(), Some(1), "{done:?}");
 }

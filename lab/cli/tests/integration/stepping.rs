@@ -97,7 +97,8 @@ pub fn record_rig(folder: &Path) {
         csv(&drive_v, &noisy(&platform)),
     )
     .unwrap();
-    let mut drive_v = vec![0.0; 400];
+    // Long enough to be a record of its own, which shows the noise.
+    let mut drive_v = vec![0.0; 1200];
     drive_v.extend(waveform::saw_tooth(SAMPLE_RATE_HZ, 60.0, 50.0, 1.0, 6));
     drive_v.extend([0.0; 400]);
     let slider = rig.simulate(&drive_v, SAMPLE_RATE_HZ).end_effector_um;

@@ -92,6 +92,16 @@ pub fn load_two_as(fitted: &Path, held_out: &Path, instructions: &Instructions) 
             ),
         ));
     }
+    let same = |a: &Path, b: &Path| a.canonicalize().ok().zip(b.canonicalize().ok());
+    if same(fitted, held_out).is_some_and(|(a, b)| a == b) {
+        return Err(Error::new(
+            "--held-out",
+            format!(
+                "{} is the file that is fitted; expected another one",
+                held_out.display()
+            ),
+        ));
+    }
     let [fitted, held_out] = [fitted, held_out].map(|path| {
         bytes(path, "one file of numbers (docs/reference/formats.md)")
             .map(|bytes| (path.display().to_string(), bytes))

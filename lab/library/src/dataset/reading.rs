@@ -429,7 +429,10 @@ fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Res
                 "{before}a rest in which the reading does not move shows no noise, and is left out"
             ));
         }
-        records.extend(of_file);
+        for mut record in of_file {
+            record.name = name_beside(&record.name, &records);
+            records.push(record);
+        }
     }
     let at_rest = records
         .iter()

@@ -119,7 +119,7 @@ const TO_THE_END_FAR_ABOVE: Effort = Effort {
 };
 
 /// A model that leaves so many times as much of the held-out records has taken in what they would show.
-const FAILS_HELD_OUT: f64 = 1.5;
+pub const FAILS_HELD_OUT: f64 = 1.5;
 
 /// Whether an effect is of a ceramic or of the amplifier in front of it.
 fn is_of_a_ceramic(place: Place) -> bool {

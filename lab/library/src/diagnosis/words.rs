@@ -4,14 +4,15 @@ use super::budget::Budget;
 use super::findings::unlikely;
 use super::judgement::Judged;
 use super::path::ModelChange;
-use super::study::Study;
+use super::study::{FAILS_HELD_OUT, Study};
 use super::verdict::Reason;
-use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
 use crate::dataset::issue::Issue;
 use crate::dataset::issue_words;
 use crate::dataset::reading_grid::rounding_noise;
+use crate::dataset::{Dataset, Role};
 use crate::engineering::read_by_name;
+use crate::identification::fit::rms_over;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
 use crate::phrases::{figure, list, nm, spoken};
@@ -24,6 +25,25 @@ fn capital(text: &str) -> String {
     letters.next().map_or_else(String::new, |c| {
         c.to_uppercase().collect::<String>() + letters.as_str()
     })
+}
+
+/// Records that no fit has seen and that a model misses by far more than those that judged it.
+#[must_use]
+pub fn unseen(model: &Model, dataset: &Dataset, judged_um: f64) -> Vec<String> {
+    let unseen = dataset.with_role(Role::Test).into_iter();
+    let said = |i: usize| {
+        let name = &dataset.records[i].name;
+        let error_um = rms_over(model, dataset, &[i]);
+        let times = error_um / judged_um;
+        (times > FAILS_HELD_OUT).then(|| {
+            format!(
+                "{name}, which no fit has seen, is missed by {} nm, {times:.1} times as much as what judged: look there first. The stage, the sensor or the \
+                 drive was another, or what was fitted does not show what happens there",
+                nm(error_um)
+            )
+        })
+    };
+    unseen.filter_map(said).collect()
 }
 
 /// What a step changed, and why.

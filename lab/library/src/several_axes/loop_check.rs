@@ -448,6 +448,18 @@ pub fn track(law: &dyn AxesLaw, stage: &ModalStage, sine: &Sine) -> AxesTrack {
             }
             of_reference += aim.reference[sine.axis].powi(2);
         }
+        // What goes without bound has neither error nor crosstalk.
+        if drives
+            .iter()
+            .chain(&readings)
+            .any(|value| !value.is_finite())
+        {
+            return AxesTrack {
+                own: f64::INFINITY,
+                crosstalk: f64::INFINITY,
+                finite: false,
+            };
+        }
         // What was computed a period ago acts now.
         run.step(&drives);
         drives = law.step(&mut state, &drives, &readings, &aim);
