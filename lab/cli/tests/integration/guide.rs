@@ -3,7 +3,8 @@
 
 use crate::common::{self, words};
 
-use crate::stepping::record_rig;
+use crate::stepping::{record_rig, recorded_rig};
+use hysteron_sim::rig_effects::RigEffects;
 use std::path::Path;
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/hidden_effect");
@@ -117,6 +118,12 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
 fn the_way_to_a_stick_slip_drive_is_as_it_is_told() {
     let folder = tempfile::tempdir().unwrap();
     record_rig(folder.path());
+    // Another day the rig is tilted.
+    let tilted = recorded_rig(RigEffects {
+        tilt_rad: 0.015,
+        ..RigEffects::default()
+    });
+    std::fs::rename(tilted.path(), folder.path().join("other_day")).unwrap();
     let guide = include_str!("../../../../docs/guides/stick_slip.md");
     let (commands, compared) = followed(guide, folder.path());
     assert!(
@@ -125,7 +132,14 @@ fn the_way_to_a_stick_slip_drive_is_as_it_is_told() {
     );
     require_files(
         folder.path(),
-        &["platform.toml", "rig.toml", "rig.block", "stepping.html"],
+        &[
+            "platform.toml",
+            "rig.toml",
+            "rig.block",
+            "stepping.html",
+            "better.toml",
+            "missing.html",
+        ],
     );
 }
 

@@ -81,6 +81,11 @@ fn a_recording_without_saw_teeth_is_refused() {
 
 /// Records the platform without the slider, and the slider under saw-teeth.
 pub fn record_rig(folder: &Path) {
+    record_rig_after(400, folder);
+}
+
+/// The same, the slider after a rest of so many samples.
+fn record_rig_after(rest: usize, folder: &Path) {
     let rig = StickSlipActuator::thesis(0.0635);
     let mut noise = hysteron::WhiteNoise::new(0.003, 5);
     let mut noisy = |y: &[f64]| -> Vec<f64> { y.iter().map(|y| y + noise.next_um()).collect() };
@@ -97,8 +102,7 @@ pub fn record_rig(folder: &Path) {
         csv(&drive_v, &noisy(&platform)),
     )
     .unwrap();
-    // Long enough to be a record of its own, which shows the noise.
-    let mut drive_v = vec![0.0; 1200];
+    let mut drive_v = vec![0.0; rest];
     drive_v.extend(waveform::saw_tooth(SAMPLE_RATE_HZ, 60.0, 50.0, 1.0, 6));
     drive_v.extend([0.0; 400]);
     let slider = rig.simulate(&drive_v, SAMPLE_RATE_HZ).end_effector_um;
@@ -108,7 +112,8 @@ pub fn record_rig(folder: &Path) {
 #[test]
 fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
     let folder = tempfile::tempdir().unwrap();
-    record_rig(folder.path());
+    // A rest that is a record of its own and shows the noise.
+    record_rig_after(1200, folder.path());
     for line in [
         "identify platform.csv --effects hysteresis,vibration --out platform.toml",
         "stepping slider.csv --platform platform.toml --slider-kg 0.0635 --platform-stiffness-n-um 45 --json rig.json",
@@ -145,7 +150,7 @@ fn the_contact_is_identified_from_recordings_of_platform_and_slider() {
 }
 
 /// A folder with the rig that was identified, and recordings of it with these effects.
-fn recorded_rig(effects: RigEffects) -> tempfile::TempDir {
+pub fn recorded_rig(effects: RigEffects) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = StickSlipActuator::thesis(0.0635);
     let text = stepping_rig::to_toml(&rig).unwrap();
