@@ -7,7 +7,8 @@ extern crate std;
 use proptest::prelude::*;
 use std::vec::Vec;
 
-use crate::amplifier::{Amplifier, Command};
+use crate::amplifier::Amplifier;
+use crate::amplifier_command::Command;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use crate::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST};
@@ -18,7 +19,7 @@ use crate::learned_feedforward::{
 };
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::parameter_block::tests::example;
-use crate::parameter_block::{AmplifierParameters, BlockError, verify};
+use crate::parameter_block::{AmplifierParameters, verify};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::{PredictorParameters, STATES};
 use crate::reference_generator::Waveform;
@@ -28,6 +29,7 @@ use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Quantity, Volts};
 use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
+use crate::wire::BlockError;
 
 /// Numbers of every size.
 fn number() -> impl Strategy<Value = i32> {

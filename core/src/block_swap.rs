@@ -99,7 +99,8 @@ fn same_memory(running: &ActuatorParameters, new: &ActuatorParameters) -> bool {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::amplifier::{Amplifier, Command, Mode};
+    use crate::amplifier::{Amplifier, Mode};
+    use crate::amplifier_command::Command;
     use crate::codes::{DriveCode, SensorCode};
     use crate::guard::Fault;
     use crate::one_sided_hysteresis::SurfaceCoefficients;

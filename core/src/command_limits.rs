@@ -5,7 +5,7 @@
 //! give, counted from the zero that is in force when the command acts; of a drive those of the parameter
 //! block. The points of a wave table are looked at by whoever writes them.
 
-use crate::amplifier::{Command, Refusal};
+use crate::amplifier_command::{Command, Refusal};
 use crate::guard::GuardParameters;
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::Waveform;

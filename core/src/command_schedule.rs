@@ -12,7 +12,7 @@ use core::cell::Cell;
 
 use heapless::Vec;
 
-use crate::amplifier::Command;
+use crate::amplifier_command::Command;
 
 /// Commands that can wait.
 pub const WAITING_COMMANDS: usize = 16;

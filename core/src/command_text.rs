@@ -49,7 +49,7 @@
 
 use core::fmt::{self, Write};
 
-use crate::amplifier::Command;
+use crate::amplifier_command::Command;
 use crate::loop_telemetry::{EXPECTED_RESONANCE, ResonanceWatch};
 use crate::reference_generator::Waveform;
 use crate::signal::{

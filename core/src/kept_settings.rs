@@ -8,7 +8,7 @@
 use crate::filter_design::{FilterSetting, Notch};
 use crate::host_watch::timeout_ticks;
 use crate::loop_telemetry::ResonanceWatch;
-use crate::parameter_block::{BlockError, read_kept, wire_struct, write_kept};
+use crate::wire::{BlockError, read_kept, wire_struct, write_kept};
 
 /// First bytes.
 pub const MAGIC: [u8; 4] = *b"HYSK";

@@ -11,6 +11,7 @@
 #[cfg(test)]
 mod accepted_blocks;
 pub mod amplifier;
+pub mod amplifier_command;
 pub mod block_choice;
 pub mod block_swap;
 pub mod checksum;
@@ -31,6 +32,7 @@ pub mod kept_events;
 pub mod kept_settings;
 pub mod learned_feedforward;
 pub mod line_input;
+pub mod loop_bands;
 pub mod loop_margin;
 pub mod loop_telemetry;
 pub mod one_sided_hysteresis;
@@ -53,6 +55,8 @@ pub mod signal_filter;
 pub mod sliding_mode_controller;
 pub mod state_estimator;
 pub mod stepping;
+pub mod stepping_parameters;
 pub mod swing_watch;
 pub mod trace_frame;
 pub mod wave_table;
+pub mod wire;

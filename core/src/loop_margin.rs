@@ -20,15 +20,12 @@
 
 use crate::filter_design::{FilterSetting, SectionTangents};
 use crate::gain_adaptation::ONE as ONE_GAIN;
+use crate::loop_bands::{BAND_FRACTION_BITS, BANDS, LoopBands};
 use crate::loop_telemetry::square_root;
-use crate::parameter_block::{AmplifierParameters, wire_struct};
+use crate::parameter_block::AmplifierParameters;
 use crate::servo_parameters::LawParameters;
 use crate::signal_filter::{Place, SECTIONS};
 
-/// Half-octaves from half the sampling rate downwards; the last one reaches to zero, from 14 Hz at 20 kHz.
-pub const BANDS: usize = 20;
-/// Fraction bits of the bands: what is 8 or more takes no filter at all.
-pub const BAND_FRACTION_BITS: u32 = 5;
 /// Largest `|T| |F / c - 1|`.
 const MOST_CHANGE: f32 = 0.5;
 /// `tan(w / 2)` at the lower end of each band but the last: `tan(pi / 2 * 2^(-n / 2))`, n from 1.
@@ -43,26 +40,6 @@ const WORST_SQUARE: f32 = 1.618_034;
 /// What a filter of the sensor is refused with.
 pub const NO_MARGIN: &str =
     "the loop of this block has no margin left for the filter of the sensor";
-
-/// `|T|` of a closed loop, the largest magnitude in each band, rounded up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LoopBands {
-    /// From the highest band to the lowest, with [`BAND_FRACTION_BITS`].
-    pub transmission: [u8; BANDS],
-}
-
-wire_struct!(LoopBands { transmission });
-
-impl LoopBands {
-    /// No loop is closed.
-    pub const OPEN: Self = Self {
-        transmission: [0; BANDS],
-    };
-    /// Nothing is known of the loop, so it takes no filter.
-    pub const UNKNOWN: Self = Self {
-        transmission: [u8::MAX; BANDS],
-    };
-}
 
 /// What a block leaves for filters of the sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,13 +15,12 @@
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::output_monitor::{MARGIN, MonitorParameters};
-use crate::parameter_block::{
-    AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept,
-};
+use crate::parameter_block::AmplifierParameters;
 use crate::self_test::STEP_MILLIVOLTS;
 use crate::sensor_linearisation::{POINTS, SensorLinearisation, is_moderate};
 use crate::servo_parameters::LawParameters;
 use crate::set_point::SetPointParameters;
+use crate::wire::{BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept};
 
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";

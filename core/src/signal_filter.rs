@@ -246,7 +246,8 @@ pub(crate) fn step_both(
 mod tests {
     extern crate std;
     use super::*;
-    use crate::amplifier::{Amplifier, Command, Mode};
+    use crate::amplifier::{Amplifier, Mode};
+    use crate::amplifier_command::Command;
     use crate::codes::SensorCode;
     use crate::filter_design::{FilterSetting, Notch};
     use crate::parameter_block::tests::example;

@@ -6,7 +6,8 @@
 
 mod plant;
 
-use hysteron_core::amplifier::{Amplifier, Command, ENDLESS_TICKS, Mode};
+use hysteron_core::amplifier::{Amplifier, Mode};
+use hysteron_core::amplifier_command::{Command, ENDLESS_TICKS};
 use hysteron_core::codes::SensorCode;
 use hysteron_core::filter_design::{FilterSetting, Notch};
 use hysteron_core::guard::Fault;

@@ -3,7 +3,8 @@
 
 mod plant;
 
-use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::amplifier::{Amplifier, Mode};
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::filter_design::{FilterSetting, Notch};
 use hysteron_core::guard::Fault;
 use hysteron_core::reference_generator::Waveform;

@@ -8,7 +8,7 @@ use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
-use hysteron_core::amplifier::Command;
+use hysteron_core::amplifier_command::Command;
 
 use crate::control::{self, COMMAND_QUEUE, Scheduled, Source};
 use crate::ring::Producer;

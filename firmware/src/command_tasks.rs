@@ -2,7 +2,8 @@
 
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
-use hysteron_core::amplifier::{Command, Refusal, Status};
+use hysteron_core::amplifier::Status;
+use hysteron_core::amplifier_command::{Command, Refusal};
 use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
 use hysteron_core::command_schedule::CannotWait;
 use hysteron_core::command_text::{Line, parse};

@@ -13,7 +13,8 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering}
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
-use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal, Status};
+use hysteron_core::amplifier::{Amplifier, Mode, Status};
+use hysteron_core::amplifier_command::{Command, Refusal};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
@@ -23,7 +24,7 @@ use hysteron_core::output_limit::OutputLimit;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::sensor_linearisation::SensorLinearisation;
 use hysteron_core::set_point::InputState;
-use hysteron_core::stepping::IfStepping;
+use hysteron_core::stepping_parameters::IfStepping;
 use hysteron_core::trace_frame::PackedSample;
 
 use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ, TEMPERATURES_ARE_READ};

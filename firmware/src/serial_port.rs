@@ -18,7 +18,7 @@ use embassy_stm32::usart::Config;
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
-use hysteron_core::amplifier::Command;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::command_lines::{Received, STOP_BYTE};
 use hysteron_core::line_input::Arrived;
 use hysteron_core::parameter_block::AmplifierParameters;

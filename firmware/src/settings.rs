@@ -29,11 +29,12 @@ use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
 use hysteron_core::loop_margin::{LoopMargin, NO_MARGIN};
 use hysteron_core::parameter_block::{
-    AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation,
+    AmplifierParameters, BLOCK_BYTES, fingerprint, generation, read, set_generation,
 };
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_core::signal_filter::{FilteredSignal, Place};
-use hysteron_core::stepping::IfStepping;
+use hysteron_core::stepping_parameters::IfStepping;
+use hysteron_core::wire::BlockError;
 use hysteron_firmware_shared::flash_read;
 use hysteron_protocol::device::Brought;
 
@@ -551,7 +552,7 @@ pub fn safe_parameters(
     bits: CodeBits,
 ) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
-    use hysteron_core::loop_margin::LoopBands;
+    use hysteron_core::loop_bands::LoopBands;
     use hysteron_core::parameter_block::PhysicalDescription;
     use hysteron_core::sensor_lag::SensorLag;
     use hysteron_core::servo_parameters::{

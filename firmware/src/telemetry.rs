@@ -17,7 +17,7 @@ use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::signal::{
     MICROMETRE_FRACTION_BITS, Micrometres, Quantity, TRAVEL_FRACTION_BITS, Volts,
 };
-use hysteron_core::stepping::IfStepping;
+use hysteron_core::stepping_parameters::IfStepping;
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::board::SAMPLE_RATE_HZ;

@@ -6,12 +6,14 @@
 
 use crate::closed_loop::Plant;
 use crate::noise::WhiteNoise;
-use hysteron_core::amplifier::{Amplifier, Command, Refusal};
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::amplifier_command::{Command, Refusal};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::signal::{Micrometres, Travel};
-use hysteron_core::stepping::{ENCODER_BITS, Stepper, SteppingCounters};
+use hysteron_core::stepping::{Stepper, SteppingCounters};
+use hysteron_core::stepping_parameters::ENCODER_BITS;
 
 /// Rig and amplifier, and what stands between them.
 pub struct SteppingLoop<P> {

@@ -14,7 +14,8 @@ use hysteron::{
     Drive, Effect, EffectInstance, Error, InitialState, Language, Model, Overview, Policy, Result,
     effect_named, export, from_toml, own_effect, simulate, to_toml, waveform,
 };
-use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::codes::SensorCode;
 use hysteron_core::trace_frame::{Channels, ReadBlock, TraceBlock, TraceSample};
 use hysteron_core::{checksum::crc32, kept_settings, safety_envelope};

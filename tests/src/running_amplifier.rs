@@ -3,7 +3,8 @@
 
 use crate::independent_stage::{IndependentStage, StageChange, StageTruth};
 use hysteron::servo::amplifier_block::FrontEnd;
-use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_generator::Waveform;

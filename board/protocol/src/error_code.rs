@@ -1,6 +1,6 @@
 //! The codes that `ERR?` answers, with the numbers of the public GCS 2.0 documents.
 
-use hysteron_core::amplifier::Refusal;
+use hysteron_core::amplifier_command::Refusal;
 use hysteron_core::guard::Fault;
 
 /// What was wrong with a command.

@@ -41,7 +41,7 @@ use core::fmt::Write;
 use core::sync::atomic::AtomicI32;
 
 use heapless::Vec;
-use hysteron_core::amplifier::{Command, Refusal};
+use hysteron_core::amplifier_command::{Command, Refusal};
 use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_window::PREVIEW_TICKS;

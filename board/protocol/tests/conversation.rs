@@ -5,7 +5,8 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::AtomicI32;
 
-use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::amplifier::{Amplifier, Mode};
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::filter_design::FilterSetting;

@@ -11,9 +11,10 @@
 use core::mem::{MaybeUninit, align_of, size_of};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
-use hysteron_core::parameter_block::{BLOCK_BYTES, BlockError, read};
+use hysteron_core::parameter_block::{BLOCK_BYTES, read};
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::{Micrometres, Quantity};
+use hysteron_core::wire::BlockError;
 
 /// Words of 64 bits that the header keeps for a servo, which has 11,920 bytes.
 const WORDS: usize = 1536;

@@ -13,7 +13,8 @@
 use core::hint::black_box;
 
 use cortex_m::peripheral::DWT;
-use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{AdaptationParameters, MOST};
 use hysteron_core::integer_row::Row;

@@ -1,7 +1,8 @@
 //! Another block under a running loop, on the reference bench: the step of the drive at the swap, what
 //! follows, and the loop that goes on.
 
-use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::amplifier::{Amplifier, Mode};
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::{AmplifierParameters, read, verify};
 use hysteron_core::reference_generator::Waveform;

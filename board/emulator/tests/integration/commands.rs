@@ -7,7 +7,8 @@ use common::{
     assert_texts, best_parameters, block, parameters, place_of, run_command, run_command_within,
     run_on, samples, texts, world,
 };
-use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
+use hysteron_core::amplifier::Mode;
+use hysteron_core::amplifier_command::REST_BEFORE_TICKS;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::Fault;

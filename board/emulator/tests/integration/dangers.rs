@@ -8,7 +8,8 @@ use common::{
 };
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::write_upload;
-use hysteron_core::loop_margin::{LoopBands, NO_MARGIN};
+use hysteron_core::loop_bands::LoopBands;
+use hysteron_core::loop_margin::NO_MARGIN;
 use hysteron_core::parameter_block::{AmplifierParameters, set_generation};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE, SafetyLine};

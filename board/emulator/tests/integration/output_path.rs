@@ -8,7 +8,8 @@ use common::{
     SineRun, assert_texts, best_parameters, block, last_status, lines, number, parameters, run_on,
     run_paced, samples, texts, typed_back, world,
 };
-use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::filter_design::{FilterSetting, Notch};
 use hysteron_core::guard::Fault;
 use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};

@@ -1,6 +1,6 @@
 //! Filters of the set point and of the sensor, and the settings that are kept: `SPA`, `WPA`.
 
-use hysteron_core::amplifier::Command;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::kept_settings::KeptSettings;

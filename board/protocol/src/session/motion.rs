@@ -1,6 +1,7 @@
 //! Moves, the servo, the open-loop drive, conditioning, and every way to stop.
 
-use hysteron_core::amplifier::{Command, Mode};
+use hysteron_core::amplifier::Mode;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::set_point::InputState;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Travel, Volts};

@@ -1,7 +1,7 @@
 //! Parameter blocks over the line, the restart that takes them, and the fault that is cleared: `BLK`, `RBT`,
 //! `INI`.
 
-use hysteron_core::amplifier::Command;
+use hysteron_core::amplifier_command::Command;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::firmware_update::text;
 use hysteron_core::safety_envelope::fingerprint;

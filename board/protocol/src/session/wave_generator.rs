@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicI32, Ordering};
 
-use hysteron_core::amplifier::{Command, ENDLESS_TICKS};
+use hysteron_core::amplifier_command::{Command, ENDLESS_TICKS};
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, Volts};
 use hysteron_core::wave_table::{POINT_FRACTION_BITS, WaveTable};

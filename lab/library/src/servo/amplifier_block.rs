@@ -10,15 +10,16 @@
 use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
-use hysteron_core::loop_margin::{BAND_FRACTION_BITS, BANDS, LoopBands};
+use hysteron_core::loop_bands::{BAND_FRACTION_BITS, BANDS, LoopBands};
 use hysteron_core::parameter_block::{
-    AmplifierParameters, BLOCK_BYTES, BlockError, PhysicalDescription, read, verify, write,
+    AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, verify, write,
 };
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters,
 };
-use hysteron_core::stepping::IfStepping;
+use hysteron_core::stepping_parameters::IfStepping;
+use hysteron_core::wire::BlockError;
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 

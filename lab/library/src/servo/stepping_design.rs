@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::servo::amplifier_block::{FrontEnd, amplifier_parameters};
 use hysteron_core::parameter_block::{AmplifierParameters, verify};
 use hysteron_core::signal::Travel;
-use hysteron_core::stepping::{FLANK_FRACTION_BITS, IfStepping, SteppingParameters};
+use hysteron_core::stepping_parameters::{FLANK_FRACTION_BITS, IfStepping, SteppingParameters};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::linear_system::ContinuousSystem;
 use hysteron_sim::stick_slip::{StickSlipActuator, StickSlipPlant};

@@ -13,7 +13,7 @@ use hysteron_core::learned_feedforward::{
     LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS,
     ROBUSTNESS_TAPS,
 };
-use hysteron_core::loop_margin::LoopBands;
+use hysteron_core::loop_bands::LoopBands;
 use hysteron_core::parameter_block::{
     AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write,
 };
@@ -23,7 +23,7 @@ use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{
     ActuatorParameters, ConverterParameters, LawParameters, ServoParameters,
 };
-use hysteron_core::stepping::IfStepping;
+use hysteron_core::stepping_parameters::IfStepping;
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::{SharedWorld, World};
