@@ -149,7 +149,7 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
     } = motion(drive_v, reading_um, sample_rate_hz);
     let seconds = |k: usize| k as f64 / sample_rate_hz;
     let circumstances = Circumstances::of(drive_v, sample_rate_hz);
-    let (motion, alike) = circumstances.beginning(drive_v, &whole, SEARCHED_SAMPLES);
+    let (motion, alike) = circumstances.beginning(&whole, SEARCHED_SAMPLES);
     if motion.end < whole.end {
         parts.notes.push(format!(
             "a long recording: searched and fitted up to {:.3} s; {:.0} % of what is later moves within the limits of that (voltage, height of the loop, rate, time at a level), and no fit has seen it",

@@ -442,8 +442,9 @@ fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Res
     } else {
         "the state at its beginning is estimated"
     };
+    let of_these = if files.len() > 1 { "files" } else { "file" };
     notes.push(format!(
-        "limits of the drive taken from the file: {low} to {high} V; {state}"
+        "limits of the drive taken from the {of_these}: {low} to {high} V; {state}"
     ));
     let shown = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {

@@ -700,6 +700,32 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Record;
+    use hysteron_sim::chain::EffectInstance;
+
+    /// The sensor slips by 0.4 um in the middle of one of two records that no fit has seen.
+    #[test]
+    fn an_unseen_record_is_reported_where_the_model_misses_it() {
+        let record = |name: &str, slip_um: f64| {
+            let drive_v: Vec<f64> = (0..2000)
+                .map(|k| 50.0 - 50.0 * (0.006 * f64::from(k)).cos())
+                .collect();
+            let before_v = std::iter::once(0.0).chain(drive_v.iter().copied());
+            let slip = |k: usize| if k < 1000 { 0.0 } else { slip_um };
+            let read = before_v.take(2000).enumerate();
+            let read_um = read.map(|(k, v)| 0.1 * v + slip(k)).collect();
+            Record::new(name, 1000.0, drive_v, read_um).with_role(Role::Test)
+        };
+        let records = vec![record("alike", 0.0), record("slipped", 0.4)];
+        let dataset = Dataset::new("d", 0.0, 100.0, records).unwrap();
+        let mut model = Model::new(0.0, 100.0);
+        let gain = by_id("gain").unwrap();
+        model.add(EffectInstance::new(gain, &dataset.overview(), &[0.1]));
+        let said = unseen(&model, &dataset, 0.01);
+        // Half of the slip is in the constant of the record.
+        assert!(said.len() == 1 && said[0].contains("slipped"), "{said:?}");
+        assert!(said[0].contains("200 nm, 20.0 times"), "{said:?}");
+    }
 
     #[test]
     fn an_error_far_below_a_nanometre_has_figures() {
