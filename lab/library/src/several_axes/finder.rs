@@ -99,6 +99,9 @@ struct Candidate {
     guess: [f64; 2],
 }
 
+/// An effect that joins, the model with it, fitted, and what judges that.
+type FittedEffect = (AxisEffect, Described, Vec<f64>);
+
 /// A candidate with its linearised fall and the values there.
 struct Scored {
     candidate: Candidate,
@@ -151,17 +154,19 @@ pub fn find(
             .iter()
             .map(|step: &Joined| step.named.clone())
             .collect();
-        let Some((effect, next, next_judged)) = search.step(&model, &judged, &names)? else {
+        let joined = search.step(&model, &judged, &names)?;
+        if joined.is_empty() {
             break;
-        };
-        let (before, after) = (rms(&judged), rms(&next_judged));
-        steps.push(Joined {
-            effect,
-            named: effect.named(&next.stage, data),
-            before,
-            after,
-        });
-        (model, judged) = (next, next_judged);
+        }
+        for (effect, next, next_judged) in joined {
+            steps.push(Joined {
+                effect,
+                named: effect.named(&next.stage, data),
+                before: rms(&judged),
+                after: rms(&next_judged),
+            });
+            (model, judged) = (next, next_judged);
+        }
     }
     model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
     let (model, findings) = search.question(model, given)?;
@@ -224,13 +229,14 @@ impl Search<'_> {
             && by_chance(better, worse) < self.policy.p_value
     }
 
-    /// The candidate that lowers the held-out error most, fitted; none if none does.
+    /// The candidate that lowers the held-out error most, fitted; where none does, two that do together; else
+    /// nothing.
     fn step(
         &self,
         model: &Described,
         judged: &[f64],
         beside: &[String],
-    ) -> Result<Option<(AxisEffect, Described, Vec<f64>)>> {
+    ) -> Result<Vec<FittedEffect>> {
         if self.watch.stopped() {
             return Err(Error::Stopped);
         }
@@ -240,30 +246,50 @@ impl Search<'_> {
             beside,
         });
         let fitted = self.fitted(self.scored(model, &candidates), self.policy.fitted);
+        if let Some(one) = self.lowest(fitted.clone(), judged) {
+            return Ok(vec![one]);
+        }
+        let mut lowest: Option<[FittedEffect; 2]> = None;
+        for first in fitted {
+            if self.watch.stopped() {
+                return Err(Error::Stopped);
+            }
+            let candidates = self.candidates(&first.1);
+            let second = self.fitted(self.scored(&first.1, &candidates), self.policy.fitted);
+            let falls = |other: &FittedEffect| {
+                (lowest.as_ref()).is_none_or(|pair| rms(&other.2) < rms(&pair[1].2))
+            };
+            if let Some(second) = self.lowest(second, judged).filter(falls) {
+                lowest = Some([first, second]);
+            }
+        }
+        Ok(lowest.map_or_else(Vec::new, Vec::from))
+    }
+
+    /// Of effects whose model is better than what is judged: the one with the fewest numbers of those that are
+    /// as good as the best.
+    fn lowest(&self, fitted: Vec<FittedEffect>, judged: &[f64]) -> Option<FittedEffect> {
         let better: Vec<_> = fitted
             .into_iter()
             .filter(|(_, _, with)| self.is_better(with, judged))
             .collect();
-        let Some(lowest) = better
+        let lowest = better
             .iter()
-            .min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2)))
-            .map(|best| best.2.clone())
-        else {
-            return Ok(None);
-        };
-        // Of those that are as good, the one with the fewest numbers.
+            .min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2)))?
+            .2
+            .clone();
         let as_good = better
             .into_iter()
             .filter(|(_, _, with)| !self.is_better(&lowest, with));
-        Ok(as_good.min_by(|a, b| {
+        as_good.min_by(|a, b| {
             (a.1.parameters(), rms(&a.2))
                 .partial_cmp(&(b.1.parameters(), rms(&b.2)))
                 .unwrap_or(std::cmp::Ordering::Equal)
-        }))
+        })
     }
 
     /// The best candidates by their linearised falls, fitted, with what judges them.
-    fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<(AxisEffect, Described, Vec<f64>)> {
+    fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<FittedEffect> {
         let best: Vec<Scored> = scored.into_iter().take(count).collect();
         parallel::map(&best, |scored| {
             let fitted = self

@@ -7,7 +7,8 @@ use hysteron::several_axes::planted::{AxisPlant, planted_stage};
 #[test]
 fn what_was_planted_is_named_in_its_channel() {
     for (plant, seed) in [
-        (AxisPlant::Coupling, 1),
+        // Beside five effects only two together lower the error of this one.
+        (AxisPlant::Coupling, 3),
         (AxisPlant::ModeOfOneDrive, 1),
         (AxisPlant::Friction, 1),
         (AxisPlant::ActuatorHysteresis, 1),
