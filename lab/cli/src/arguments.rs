@@ -3,7 +3,7 @@
 use crate::desk::{Desk, SCREEN};
 use crate::screen;
 use hysteron::watch::{Deadline, Watch};
-use hysteron::{Dataset, Options, Policy, Result, series};
+use hysteron::{Dataset, Error, Options, Policy, Result, series};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -43,7 +43,29 @@ pub struct SearchArguments {
     policy: Option<PathBuf>,
 }
 
+/// That no option was given which has no effect for data of a kind.
+///
+/// # Errors
+/// The first of those that were given.
+pub fn refuse_without_effect(kind: &str, options: &[(&str, bool)]) -> Result<()> {
+    options
+        .iter()
+        .find(|(_, is_given)| *is_given)
+        .map_or(Ok(()), |(option, _)| {
+            let message = format!("has no effect for {kind}; leave it out");
+            Err(Error::new(option, message))
+        })
+}
+
 impl SearchArguments {
+    /// Whether effects of one's own, and whether thresholds were given.
+    pub fn given(&self) -> [(&'static str, bool); 2] {
+        [
+            ("--own", !self.own.is_empty()),
+            ("--policy", self.policy.is_some()),
+        ]
+    }
+
     /// What the search is asked.
     pub fn options(&self, desk: &Desk) -> Result<Options> {
         let policy = self.policy.as_ref().map_or_else(

@@ -93,8 +93,12 @@ pub enum AxesCommand {
         /// Noise of a sensor in its unit, RMS
         #[arg(long, default_value_t = 0.001)]
         noise: f64,
-        #[command(flatten)]
-        outputs: Outputs,
+        /// Write every figure as JSON; `-` prints it and nothing else
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
     },
     /// Simulate the recordings of a stage of three axes with one effect planted in one channel
     Plant {
@@ -184,8 +188,14 @@ pub fn axes(command: AxesCommand) -> Result<bool> {
             reference_hz,
             amplitude,
             noise,
-            outputs,
+            json,
+            force,
         } => {
+            let outputs = Outputs {
+                json,
+                report: None,
+                force,
+            };
             let demands = AxesDemands {
                 reference_hz,
                 amplitude,
@@ -308,12 +318,7 @@ pub fn explain(
     } else {
         "of the reading"
     };
-    println!(
-        "{}: {} drives, {} sensors",
-        data.name,
-        data.drives.len(),
-        data.sensors.len()
-    );
+    println!("{}: {}", data.name, figures.sentence);
     for effect in &figures.named {
         let or = effect.or.iter().fold(String::new(), |text, other| {
             format!("{text}\n      or {other}")
@@ -330,8 +335,8 @@ pub fn explain(
         );
     }
     println!(
-        "  error {:.3} {unit}, {} parameters, {:.0} s",
-        figures.error, figures.parameters, figures.seconds
+        "  {} parameters, {:.0} s",
+        figures.parameters, figures.seconds
     );
     if let Some(out) = out {
         desk.write(
@@ -421,6 +426,10 @@ struct DecoupledFigures {
 /// Turns of a reference, of which the second half counts.
 const TURNS: f64 = 8.0;
 
+/// Lowest and highest frequency of a reference, of the sampling rate: what a move of its turns may take, and
+/// what a loop follows.
+const REFERENCE_OF_RATE: [f64; 2] = [1e-5, 0.1];
+
 /// Checks and moves of a law on the model, and on the same stage with a hidden coupling.
 fn judged(
     scheme: &'static str,
@@ -490,6 +499,16 @@ fn decouple(
         return Err(Error::new(
             "--reference-hz, --amplitude, --noise",
             "expected numbers above zero",
+        ));
+    }
+    let [low_hz, high_hz] = REFERENCE_OF_RATE.map(|share| share * model.sample_rate_hz);
+    if !(low_hz..=high_hz).contains(&demands.reference_hz) {
+        return Err(Error::new(
+            "--reference-hz",
+            format!(
+                "{}; expected {low_hz:.3} to {high_hz:.0}, for a servo at {:.0} Hz",
+                demands.reference_hz, model.sample_rate_hz
+            ),
         ));
     }
     let hidden = with_hidden_coupling(&model.stage, hidden_coupling);

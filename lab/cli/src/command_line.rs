@@ -5,6 +5,7 @@
 
 use crate::arguments::{
     Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments,
+    refuse_without_effect,
 };
 #[cfg(feature = "board")]
 use crate::board;
@@ -26,7 +27,7 @@ use clap_complete::Shell;
 use hysteron::servo::named_scheme::SCHEMES;
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron::{Error, Result};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
@@ -562,7 +563,14 @@ fn dispatch(command: Command) -> Result<bool> {
     match command {
         Command::Explain { dataset, held_out, from, search, verbose, time, animation, reading, outputs } => {
             if held_out.is_none() && axes::is_of_several_axes(&dataset) {
-                return axes::explain(&dataset, None, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
+                let read_as = reading.as_words();
+                let [own, policy] = search.given();
+                let series = ("--series", outputs.recordings.series.is_some());
+                let animation = ("--animation", animation.is_some());
+                let reading = (read_as.first().map_or("", String::as_str), !read_as.is_empty());
+                refuse_without_effect("a data set of several axes", &[own, policy, animation, series, reading])?;
+                let start = (from != "gain").then(|| Path::new(&from));
+                return axes::explain(&dataset, start, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
             }
             let wanted = explain::ExplainRequest { held_out: held_out.as_deref(), from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             if rig::is_rig(&from) {

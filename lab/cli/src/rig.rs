@@ -1,14 +1,15 @@
 //! `explain` of a stick-slip rig.
 
-use crate::arguments::{StudyOutputs, as_typed};
-use crate::desk::{Desk, wrong};
+use crate::arguments::{StudyOutputs, as_typed, refuse_without_effect};
+use crate::desk::Desk;
 use crate::explain::ExplainRequest;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use hysteron::outcome::{Evidence, Residuals};
+use hysteron::rig_diagnosis::recordings::PLATFORM;
 use hysteron::rig_diagnosis::{RigData, RigDiagnosis, diagnose_rig};
 use hysteron::servo::stepping_rig;
-use hysteron::{Policy, Result};
+use hysteron::{Error, Policy, Result};
 use hysteron_report::rig_page;
 use std::path::Path;
 
@@ -32,13 +33,21 @@ pub fn explain(
     let text = desk.text(from, "a rig written by `hysteron stepping`")?;
     let start = stepping_rig::from_toml(&text, &from.display().to_string())?;
     let policy: Policy = wanted.search.options(&desk)?.policy;
-    if wanted.animation.is_some() || series.is_some() {
-        return Err(wrong(
-            from,
-            "is a stick-slip rig, for which --animation and --series have no effect; leave them out",
+    let [own, _] = wanted.search.given();
+    let without_effect = [
+        own,
+        ("--animation", wanted.animation.is_some()),
+        ("--series", series.is_some()),
+    ];
+    refuse_without_effect("a stick-slip rig", &without_effect)?;
+    let dataset = desk.dataset_with(path, wanted.held_out, reading)?;
+    let signals = dataset.records.iter().flat_map(|record| &record.auxiliary);
+    if let Some(other) = signals.into_iter().find(|signal| signal.name != PLATFORM) {
+        return Err(Error::new(
+            &other.name,
+            format!("has no effect for a stick-slip rig; expected the column {PLATFORM}, or none"),
         ));
     }
-    let dataset = desk.dataset_with(path, wanted.held_out, reading)?;
     desk.target(out)?;
     outputs.check(&desk)?;
     let data = RigData::new(&dataset, start.drive_range_v, policy.walked_samples)?;
@@ -90,8 +99,14 @@ fn print(found: &RigDiagnosis) {
             standard_errors,
         } = finding.evidence
         {
+            // Without a scatter any difference is beyond chance.
+            let apart = if standard_errors.is_finite() {
+                format!(", {standard_errors:.1} standard errors")
+            } else {
+                String::new()
+            };
             println!(
-                "  {}: with it {}, the best model without it {}, {standard_errors:.1} standard errors",
+                "  {}: with it {}, the best model without it {}{apart}",
                 finding.effects.join(" or "),
                 errors(with),
                 errors(without)

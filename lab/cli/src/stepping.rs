@@ -10,7 +10,7 @@ use hysteron::servo::stepping_design::{SteppingDesign, SteppingOrder};
 use hysteron::servo::stepping_load::load_that_stops;
 use hysteron::servo::stepping_rig;
 use hysteron::stepping::{Measured, SteppingMeasure, SteppingTrain, measure};
-use hysteron::{Dataset, Error, Result};
+use hysteron::{Dataset, Error, Policy, Result};
 use hysteron_report::stepping_page;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -117,6 +117,7 @@ fn contact(
     desk: &Desk,
     dataset: &Dataset,
     rig: &RigArguments,
+    noise_um: Option<f64>,
 ) -> Result<(Option<IdentifiedContact>, Option<Measured>)> {
     let Some(platform) = &rig.platform else {
         return Ok((None, None));
@@ -141,6 +142,15 @@ fn contact(
         figure(found.breakaway_ratio, "").trim_end(),
         1e3 * found.residual_um
     );
+    if let Some(times) = noise_um.map(|noise| found.residual_um / noise)
+        && times > Policy::default().explained
+    {
+        println!(
+            "  note: that is {times:.1} times the noise, so the deviations above are too small. `hysteron explain` with this rig (--rig FILE, then \
+             --from FILE) says what it misses; check also that {} is the model of this platform",
+            platform.display()
+        );
+    }
     known.friction = found.friction;
     if let Some(path) = &rig.rig {
         desk.write(path, stepping_rig::to_toml(&known)?.as_bytes())?;
@@ -196,7 +206,7 @@ pub fn stepping(
         found.trains.len()
     );
     found.trains.iter().for_each(print_train);
-    let (contact, load_that_stops_n) = contact(&desk, &dataset, rig)?;
+    let (contact, load_that_stops_n) = contact(&desk, &dataset, rig, found.noise_um)?;
     let figures = SteppingFigures {
         found: &found,
         contact,

@@ -3,6 +3,17 @@
 use crate::error::{Error, Result, line_of};
 use serde::de::DeserializeOwned;
 
+/// What files of a schema hold, for messages.
+fn content_of(schema: &str) -> Option<&'static str> {
+    Some(match schema.split('/').next()? {
+        "hysteron.model" => "a model",
+        "hysteron.servo" => "a servo",
+        "hysteron.axes" => "a model of several axes",
+        "hysteron.rig" => "a stick-slip rig",
+        _ => return None,
+    })
+}
+
 /// Reads a file of this schema; `place` is what it is called in messages.
 ///
 /// # Errors
@@ -14,9 +25,13 @@ pub fn with_schema<T: DeserializeOwned>(text: &str, place: &str, schema: &str) -
         .as_ref()
         .and_then(|table| table.get("schema")?.as_str());
     if let Some(other) = said.filter(|said| *said != schema) {
+        let contents = content_of(other).zip(content_of(schema));
+        let contents = contents.map_or_else(String::new, |(other, expected)| {
+            format!(": this is {other}, not {expected}")
+        });
         return Err(Error::new(
             place,
-            format!("schema = \"{other}\"; expected \"{schema}\""),
+            format!("schema = \"{other}\"; expected \"{schema}\"{contents}"),
         ));
     }
     // For text of another kind altogether, as a recording in the place of a model, the error gives what was

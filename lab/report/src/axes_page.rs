@@ -36,10 +36,7 @@ pub fn axes_page(
             data.drives.len(),
             data.sensors.len()
         ),
-        lead_sentence: format!(
-            "{} effects in their channels; the error on held-out records is {times}.",
-            figures.named.len()
-        ),
+        lead_sentence: format!("{}.", figures.sentence),
         tone: Tone::Neutral,
         facts: vec![
             ("parameters".into(), figures.parameters.to_string()),

@@ -25,6 +25,17 @@ fn a_planted_stage_is_read_and_a_missing_column_is_named() {
             "{said}"
         );
     }
+    // What has no effect for several axes is refused, whatever it says.
+    for option in [["--columns", "u=1"], ["--series", "s"], ["--policy", "p"]] {
+        let refused = hysteron(&["explain", "stage", option[0], option[1]], folder.path());
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{said}");
+        let expected = format!(
+            "{}: has no effect for a data set of several axes",
+            option[0]
+        );
+        assert!(said.contains(&expected), "{said}");
+    }
 }
 
 #[test]
@@ -65,6 +76,16 @@ fn a_decoupled_servo_is_checked_as_a_whole() {
             crosstalk("track_hidden") > crosstalk("track_model"),
             "{servo}"
         );
+    }
+    // A reference that no loop follows, or whose turns take hours.
+    for hz in ["1e-6", "6000"] {
+        let refused = hysteron(
+            &["axes", "decouple", "model.toml", "--reference-hz", hz],
+            folder.path(),
+        );
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{said}");
+        assert!(said.contains("expected 0.064 to 640"), "{said}");
     }
     // A stage far from the model is a loop without bound, and no panic.
     let far = ["axes", "decouple", "model.toml", "--hidden-coupling", "5"];

@@ -266,4 +266,26 @@ fn recordings_and_rigs_that_do_not_suit_are_refused() {
         assert!(errors.contains(expected), "{data} {from}: {errors}");
         assert!(!errors.contains("panicked"), "{errors}");
     }
+    for (command, expected) in [
+        (
+            &["compare", "rig.toml", "up.csv"][..],
+            "this is a stick-slip rig, not a model",
+        ),
+        (
+            &[
+                "explain",
+                "up.csv",
+                "--from",
+                "rig.toml",
+                "--auxiliary",
+                "t=1",
+            ][..],
+            "t: has no effect for a stick-slip rig; expected the column platform_um",
+        ),
+    ] {
+        let output = hysteron(command, folder.path());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+    }
 }

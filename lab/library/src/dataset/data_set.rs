@@ -74,29 +74,36 @@ impl Dataset {
             .collect()
     }
 
-    /// Slope of drive and reading, um/V. The same to the last digit whatever the order of the records: a search takes another way where a
-    /// single one differs.
+    /// Slope of drive and reading of what is fitted, um/V. A search takes another way where a single digit
+    /// differs.
     pub(crate) fn straight_line_gain(&self) -> f64 {
         let to_fit = if self.with_role(Role::Identify).is_empty() {
             Role::Validate
         } else {
             Role::Identify
         };
-        let mut fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
-        fitted.sort_by(|a, b| a.name.cmp(&b.name));
-        let (mut uu, mut uy) = (0.0, 0.0);
-        for record in fitted {
-            // y[k] answers to u[k - 1].
-            let rows: Vec<usize> = record.counted().filter(|k| *k > 0).collect();
-            let n = rows.len().max(1) as f64;
-            let mean_u = rows.iter().map(|&k| record.drive_v[k - 1]).sum::<f64>() / n;
-            let mean_y = rows.iter().map(|&k| record.displacement_um[k]).sum::<f64>() / n;
-            for &k in &rows {
-                let u = record.drive_v[k - 1] - mean_u;
-                uu += u * u;
-                uy += u * (record.displacement_um[k] - mean_y);
-            }
-        }
-        if uu > 0.0 { uy / uu } else { 0.0 }
+        let fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
+        straight_line_gain(&fitted)
     }
+}
+
+/// Slope of drive and reading of records, um/V, zero without motion. The same to the last digit whatever their
+/// order.
+pub(super) fn straight_line_gain(records: &[&Record]) -> f64 {
+    let mut records = records.to_vec();
+    records.sort_by(|a, b| a.name.cmp(&b.name));
+    let (mut uu, mut uy) = (0.0, 0.0);
+    for record in records {
+        // y[k] answers to u[k - 1].
+        let rows: Vec<usize> = record.counted().filter(|k| *k > 0).collect();
+        let n = rows.len().max(1) as f64;
+        let mean_u = rows.iter().map(|&k| record.drive_v[k - 1]).sum::<f64>() / n;
+        let mean_y = rows.iter().map(|&k| record.displacement_um[k]).sum::<f64>() / n;
+        for &k in &rows {
+            let u = record.drive_v[k - 1] - mean_u;
+            uu += u * u;
+            uy += u * (record.displacement_um[k] - mean_y);
+        }
+    }
+    if uu > 0.0 { uy / uu } else { 0.0 }
 }

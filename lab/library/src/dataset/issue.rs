@@ -118,6 +118,20 @@ pub enum IssueKind {
         /// Of a straight line, um/V.
         gain_um_v: f64,
     },
+    /// A record that is not fitted answers its drive with another unit or sign.
+    GainDiffers {
+        /// Of a straight line, um/V.
+        gain_um_v: f64,
+        /// Of the fitted records, um/V.
+        fitted_um_v: f64,
+    },
+    /// The drive of a record that is not fitted goes beyond the fitted ones.
+    BeyondFitted {
+        /// The lowest and the highest fitted drive, V.
+        fitted_v: [f64; 2],
+        /// Share of its samples there.
+        share: f64,
+    },
     /// The unit of time is doubtful.
     TimeUnit {
         /// Between two samples, s.

@@ -92,6 +92,14 @@ pub(crate) fn of_kind(kind: &IssueKind) -> String {
         IssueKind::Gain { gain_um_v } => {
             format!("the displacement changes by {gain_um_v:.0} um/V. Is drive or displacement in another unit (--units u=kV, y=nm)?")
         }
+        IssueKind::GainDiffers { gain_um_v, fitted_um_v } => format!(
+            "it answers its drive with {gain_um_v:.3e} um/V, what is fitted with {fitted_um_v:.3e} um/V. Is a column of it in another unit, or is its sign \
+             inverted?"
+        ),
+        IssueKind::BeyondFitted { fitted_v: [low_v, high_v], share } => format!(
+            "its drive leaves what was fitted, {low_v:.1} to {high_v:.1} V, in {:.0} % of its samples; the error there is that of an extrapolation",
+            100.0 * share
+        ),
         IssueKind::TimeUnit { period_s } => format!("samples come {period_s} s apart; is the column of time in another unit?"),
         IssueKind::InitialState { specified_um, unknown_um } => format!(
             "the record does not begin in the specified state: from there the error is {} nm, from an unknown state {} nm with the same effects. \

@@ -443,8 +443,10 @@ fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Res
         "the state at its beginning is estimated"
     };
     let of_these = if files.len() > 1 { "files" } else { "file" };
+    // A microvolt is less than any converter's step.
+    let [low_v, high_v] = [low, high].map(|v: f64| (1e6 * v).round() / 1e6);
     notes.push(format!(
-        "limits of the drive taken from the {of_these}: {low} to {high} V; {state}"
+        "limits of the drive taken from the {of_these}: {low_v} to {high_v} V; {state}"
     ));
     let shown = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {

@@ -1,12 +1,15 @@
 //! A stick-slip rig as a file: what was identified of one, for the emulated board to stand in front of.
 
 use crate::error::{Error, Result};
+use crate::toml_file::with_schema;
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::rig_effects::{RigEffects, parameters};
 use hysteron_sim::stick_slip::StickSlipActuator;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+
+const SCHEMA: &str = "hysteron.rig/1";
 
 /// Highest power of a surface's coefficients: those that the program writes have five.
 const POWERS_MAX: usize = 16;
@@ -15,6 +18,7 @@ const POWERS_MAX: usize = 16;
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
+    schema: String,
     drive_range_v: f64,
     platform_stiffness_n_um: f64,
     natural_frequency_rad_s: f64,
@@ -34,8 +38,8 @@ struct RigFile {
 /// Whether a text is meant to be a rig, right or wrong.
 #[must_use]
 pub fn is_rig(text: &str) -> bool {
-    toml::from_str::<toml::Table>(text)
-        .is_ok_and(|table| table.contains_key("end_effector_mass_kg"))
+    let schema = |line: &str| line.starts_with("schema") && line.contains("hysteron.rig/");
+    text.lines().any(schema)
 }
 
 /// The effects of a file.
@@ -95,6 +99,7 @@ fn first_wrong(file: &RigFile) -> Option<String> {
 pub fn to_toml(rig: &StickSlipActuator) -> Result<String> {
     let friction = &rig.friction;
     let file = RigFile {
+        schema: SCHEMA.into(),
         drive_range_v: rig.drive_range_v,
         platform_stiffness_n_um: rig.platform_stiffness_n_um,
         natural_frequency_rad_s: rig.natural_frequency_rad_s,
@@ -119,7 +124,7 @@ pub fn to_toml(rig: &StickSlipActuator) -> Result<String> {
 /// # Errors
 /// A field is missing, unknown or outside what its physics allows.
 pub fn from_toml(text: &str, place: &str) -> Result<StickSlipActuator> {
-    let file: RigFile = toml::from_str(text).map_err(|error| Error::new(place, error.message()))?;
+    let file: RigFile = with_schema(text, place, SCHEMA)?;
     if let Some(problem) = first_wrong(&file) {
         return Err(Error::new(place, problem));
     }

@@ -3,6 +3,7 @@
 use super::finder::AxesFound;
 use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
+use crate::diagnosis::policy::Policy;
 use crate::error::{Error, Result};
 use crate::toml_file;
 use hysteron_sim::several_axes::{ActuatorSoftening, ModalStage};
@@ -157,6 +158,8 @@ pub struct AxesFigures {
     pub schema: &'static str,
     /// The data set.
     pub name: String,
+    /// How far the held-out error fell, and what that leaves.
+    pub sentence: String,
     /// Effects, each with its channel.
     pub named: Vec<NamedEffect>,
     /// How the model grew.
@@ -174,6 +177,32 @@ pub struct AxesFigures {
     pub parameters: usize,
     /// Processing time, s.
     pub seconds: f64,
+}
+
+/// How far the held-out error fell, and what that leaves.
+fn sentence(found: &AxesFound, data: &AxesData) -> String {
+    let unit = if found.in_times_the_noise {
+        "times the noise"
+    } else {
+        "of the reading"
+    };
+    let (drives, sensors) = (data.drives.len(), data.sensors.len());
+    let start = found.steps.first().map_or(found.error, |step| step.before);
+    let fall = format!(
+        "{} effects in {drives} drives and {sensors} sensors; the held-out error falls from {start:.3} to {:.3} {unit}",
+        found.findings.len(),
+        found.error
+    );
+    if !found.in_times_the_noise {
+        return format!("{fall}. Nothing shows the noise: record five periods or more");
+    }
+    if found.error <= Policy::default().explained {
+        format!("{fall}: that is the noise")
+    } else {
+        format!(
+            "{fall}. What is missing there, no effect in any channel takes up: look on the page where the responses differ"
+        )
+    }
 }
 
 /// The figures of what was found.
@@ -198,6 +227,7 @@ pub fn figures(found: &AxesFound, data: &AxesData, seconds: f64) -> AxesFigures 
     AxesFigures {
         schema: "hysteron.axes_diagnosis/1",
         name: data.name.clone(),
+        sentence: sentence(found, data),
         named: found.findings.iter().map(named).collect(),
         steps: found.steps.iter().map(step).collect(),
         error: found.error,

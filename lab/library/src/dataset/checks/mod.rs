@@ -5,6 +5,7 @@
 mod answered_jumps;
 mod as_specified;
 mod given_twice;
+mod judging;
 mod leading;
 mod outliers;
 mod range;
@@ -25,12 +26,13 @@ use hysteron_sim::chain::InitialState;
 type Check = fn(&Dataset) -> Vec<Issue>;
 
 /// All of them, in the order in which they correct.
-const CHECKS: [Check; 8] = [
+const CHECKS: [Check; 9] = [
     rest::check,
     outliers::single,
     range::check,
     outliers::together,
     units::check,
+    judging::check,
     given_twice::check,
     as_specified::check,
     leading::check,
