@@ -13,9 +13,6 @@ pub const ID: &str = id::MAINS_HUM;
 /// Frequencies that mains may have, Hz.
 const LOWEST_HZ: f64 = 45.0;
 const HIGHEST_HZ: f64 = 65.0;
-/// Samples at rest that show a line of a tenth of the noise beyond doubt. Where they show none, a line at the
-/// mains frequency is what a drive of that frequency leaves.
-const SHOWS_WEAK_LINES: usize = 7000;
 
 /// One line of a reading, as a phasor that is turned from interval to interval.
 struct Line {
@@ -137,7 +134,8 @@ impl Effect for MainsHum {
     }
 
     fn speaks_for_it(&self, _model: &Model, at_rest: &LinesAtRest) -> bool {
-        at_rest.samples < SHOWS_WEAK_LINES
+        // Where none is shown, a line at the mains frequency is what a drive of that frequency leaves.
+        !at_rest.show_weak_lines()
             || at_rest
                 .lines_hz
                 .iter()

@@ -8,6 +8,9 @@ pub const ID: &str = id::SECOND_MODE;
 
 /// A frequency above this share of the highest that the data can show has run into that limit.
 const AT_ITS_LIMIT: f64 = 0.98;
+/// Least damping ratio: the material of a monolithic flexure alone has more. What would ring even longer does
+/// not ring down.
+const LEAST_DAMPING: f64 = 5e-4;
 
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
@@ -38,7 +41,7 @@ itself where there is no `vibration`.",
         vec![
             Parameter::linear("share", "1", -0.9, 0.9, 0.01),
             Parameter::logarithmic("natural_frequency_rad_s", "rad/s", 10.0, highest),
-            Parameter::logarithmic("damping_ratio", "1", 5e-4, 2.0),
+            Parameter::logarithmic("damping_ratio", "1", LEAST_DAMPING, 2.0),
         ]
     }
 
@@ -72,12 +75,19 @@ itself where there is no `vibration`.",
 
     fn doubt(&self, model: &Model, values: &[f64]) -> Option<Doubt> {
         let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
-        (values[1] > AT_ITS_LIMIT * highest_rad_s).then(|| {
-            Doubt::RuledOut(format!(
-                "its {:.0} Hz are half the sampling rate, where nothing shows a resonance",
-                values[1] / std::f64::consts::TAU
-            ))
-        })
+        let (hz, ratio) = (values[1] / std::f64::consts::TAU, values[2]);
+        let because = if values[1] > AT_ITS_LIMIT * highest_rad_s {
+            format!("its {hz:.0} Hz are half the sampling rate, where nothing shows a resonance")
+        } else if ratio > 1.0 {
+            super::vibration::two_lags(ratio)
+        } else if ratio * AT_ITS_LIMIT < LEAST_DAMPING {
+            format!(
+                "with a damping ratio of {ratio:.1e} it does not ring down: it is a line that the drive moves"
+            )
+        } else {
+            return None;
+        };
+        Some(Doubt::RuledOut(because))
     }
 
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
@@ -103,14 +113,21 @@ mod tests {
     use crate::effect::by_id;
 
     #[test]
-    fn a_mode_at_half_the_sampling_rate_is_none() {
+    fn a_mode_at_half_the_sampling_rate_or_without_a_ring_is_none() {
         let overview = Overview::without_data(0.0, 100.0);
         let half_rate_rad_s = std::f64::consts::PI * overview.sample_rate_max_hz;
-        for (share_of_it, none) in [(0.5, false), (0.97, false), (1.0, true)] {
+        for (share_of_it, damping_ratio, none) in [
+            (0.5, 0.02, false),
+            (0.97, 0.02, false),
+            (1.0, 0.02, true),
+            (0.5, 0.0006, false),
+            (0.5, 0.0005, true),
+            (0.5, 1.2, true),
+        ] {
             let mut model = Model::new(0.0, 100.0);
             for (id, values) in [
                 (vibration::ID, vec![4000.0, 0.02]),
-                (ID, vec![0.01, share_of_it * half_rate_rad_s, 0.02]),
+                (ID, vec![0.01, share_of_it * half_rate_rad_s, damping_ratio]),
             ] {
                 model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
             }

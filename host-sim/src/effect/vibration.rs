@@ -293,6 +293,11 @@ impl LinearLanes for VibrationLanes {
     }
 }
 
+/// Why a mode beyond the critical damping is none.
+pub(super) fn two_lags(damping_ratio: f64) -> String {
+    format!("with a damping ratio of {damping_ratio:.2} it does not ring: it is two lags")
+}
+
 impl Effect for Vibration {
     fn declaration(&self) -> Declaration {
         Declaration {
@@ -357,9 +362,7 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
         // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names
         // of their own.
         if ratio > 1.0 {
-            return Some(Doubt::RuledOut(format!(
-                "with a damping ratio of {ratio:.2} it does not ring: it is two lags"
-            )));
+            return Some(Doubt::RuledOut(two_lags(ratio)));
         }
         let hz = rad_s / std::f64::consts::TAU;
         (ratio > 0.5).then(|| {

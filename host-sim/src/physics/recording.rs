@@ -88,6 +88,17 @@ pub struct LinesAtRest {
     pub samples: usize,
 }
 
+/// Samples at rest that show a line of a tenth of the noise beyond doubt.
+const SHOW_WEAK_LINES: usize = 7000;
+
+impl LinesAtRest {
+    /// Whether a weak line would be seen.
+    #[must_use]
+    pub fn show_weak_lines(&self) -> bool {
+        self.samples >= SHOW_WEAK_LINES
+    }
+}
+
 /// A signal that was recorded beside drive and displacement, as a temperature, for effects of the user's own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AuxiliarySignal {

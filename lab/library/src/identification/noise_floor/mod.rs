@@ -208,6 +208,29 @@ const DECLARED_STEP_TOLERANCE: f64 = 0.05;
 /// Two estimates whose ratio is larger disagree.
 const AGREEMENT: f64 = 1.15;
 
+/// What the rests show of lines; the holds too, where no rest is long enough. Hum is there whatever the drive
+/// does: a line that a hold has and a long rest has not is in the gain.
+fn lines_at_rest(rests: &[AtRest], holds: &[AtRest]) -> LinesAtRest {
+    let of = |still: &[&AtRest]| LinesAtRest {
+        lines_hz: still
+            .iter()
+            .flat_map(|one| one.lines_hz.iter().copied())
+            .collect(),
+        samples: still
+            .iter()
+            .filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ)
+            .map(|one| one.samples)
+            .max()
+            .unwrap_or(0),
+    };
+    let of_rests = of(&rests.iter().collect::<Vec<_>>());
+    if of_rests.show_weak_lines() {
+        of_rests
+    } else {
+        of(&rests.iter().chain(holds).collect::<Vec<_>>())
+    }
+}
+
 /// Estimates the floor of a data set.
 #[must_use]
 pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
@@ -230,17 +253,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         .iter()
         .filter_map(|r| rest::of_hold(r, step_um))
         .collect();
-    let still = || rests.iter().chain(&holds);
-    let lines_at_rest = LinesAtRest {
-        lines_hz: still()
-            .flat_map(|one| one.lines_hz.iter().copied())
-            .collect(),
-        samples: still()
-            .filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ)
-            .map(|one| one.samples)
-            .max()
-            .unwrap_or(0),
-    };
+    let lines_at_rest = lines_at_rest(&rests, &holds);
     let one_over_f = rests.first().and_then(|rest| rest.one_over_f);
     let mut estimates: Vec<FloorEstimate> = rests.into_iter().map(|rest| rest.estimate).collect();
     let mut repeats: Vec<Repeated> = driven
