@@ -76,6 +76,15 @@ pub enum IssueKind {
         /// The last sample of the first place.
         last_sample: usize,
     },
+    /// The readings no longer follow the drive, in parts that are left out.
+    NotFollowed {
+        /// Where the first part begins, s.
+        from_s: f64,
+        /// Where it ends, s.
+        to_s: f64,
+        /// How many parts.
+        parts: usize,
+    },
     /// So many readings stand out that they are no disturbances.
     OutliersKept {
         /// How many.

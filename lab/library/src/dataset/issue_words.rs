@@ -92,6 +92,13 @@ pub(crate) fn of_kind(kind: &IssueKind) -> String {
         IssueKind::Gain { gain_um_v } => {
             format!("the displacement changes by {gain_um_v:.0} um/V. Is drive or displacement in another unit (--units u=kV, y=nm)?")
         }
+        IssueKind::NotFollowed { from_s, to_s, parts } => {
+            let others = if *parts > 1 { format!(", and in {} further parts", parts - 1) } else { String::new() };
+            format!(
+                "the readings no longer follow the drive from {from_s:.3} to {to_s:.3} s{others}: was the sensor's target lost, or a cable? They are left \
+                 out of every fit and figure"
+            )
+        }
         IssueKind::GainDiffers { gain_um_v, fitted_um_v } => format!(
             "it answers its drive with {gain_um_v:.3e} um/V, what is fitted with {fitted_um_v:.3e} um/V. Is a column of it in another unit, or is its sign \
              inverted?"

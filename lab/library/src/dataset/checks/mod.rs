@@ -7,6 +7,7 @@ mod as_specified;
 mod given_twice;
 mod judging;
 mod leading;
+mod not_followed;
 mod outliers;
 mod range;
 mod rest;
@@ -26,10 +27,11 @@ use hysteron_sim::chain::InitialState;
 type Check = fn(&Dataset) -> Vec<Issue>;
 
 /// All of them, in the order in which they correct.
-const CHECKS: [Check; 9] = [
+const CHECKS: [Check; 10] = [
     rest::check,
     outliers::single,
     range::check,
+    not_followed::check,
     outliers::together,
     units::check,
     judging::check,
@@ -74,9 +76,12 @@ pub(crate) fn apply(dataset: &mut Dataset, issue: &Issue) {
             outliers::interpolate(record, &issue.samples);
             record.leave_out(issue.samples.iter().cloned());
         }
-        (IssueKind::RangeEnds { .. } | IssueKind::OutliersLeftOut { .. }, Some(record)) => {
-            record.leave_out(issue.samples.iter().cloned())
-        }
+        (
+            IssueKind::RangeEnds { .. }
+            | IssueKind::OutliersLeftOut { .. }
+            | IssueKind::NotFollowed { .. },
+            Some(record),
+        ) => record.leave_out(issue.samples.iter().cloned()),
         (IssueKind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
         // All records of the tape begin in the same state.
         (IssueKind::InitialState { .. }, Some(record)) => {
