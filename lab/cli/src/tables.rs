@@ -88,9 +88,36 @@ pub fn print_values(figures: &FitFigures) {
 
 /// Things to know, one line each.
 pub fn say_notes<'a>(notes: impl IntoIterator<Item = &'a String>) {
-    notes
-        .into_iter()
-        .for_each(|note| println!("  note: {note}"));
+    for note in notes_once(notes) {
+        println!("  note: {note}");
+    }
+}
+
+/// What several files have in common is said once, behind all of their names.
+fn notes_once<'a>(notes: impl IntoIterator<Item = &'a String>) -> Vec<String> {
+    let mut said: Vec<(Vec<&str>, &str)> = Vec::new();
+    for note in notes {
+        let of_file = note
+            .split_once(": ")
+            .filter(|(name, _)| !name.contains(' '));
+        let (names, text) =
+            of_file.map_or((vec![], note.as_str()), |(name, text)| (vec![name], text));
+        match said
+            .iter_mut()
+            .find(|(of, other)| *other == text && !of.is_empty())
+        {
+            Some((of, _)) => of.extend(names),
+            None => said.push((names, text)),
+        }
+    }
+    let line = |(names, text): (Vec<&str>, &str)| {
+        if names.is_empty() {
+            text.to_owned()
+        } else {
+            format!("{}: {text}", names.join(", "))
+        }
+    };
+    said.into_iter().map(line).collect()
 }
 
 /// What to know of a fit, one line each.
@@ -155,5 +182,20 @@ pub fn say_next(outputs: &Outputs, dataset: &Path) {
 pub fn say_stopped(stopped: bool) {
     if stopped {
         println!("Stopped: this is the best so far, not the end of the search.");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_files_have_in_common_is_said_once() {
+        let notes =
+            ["a: rests", "its zero is assumed", "b: rests", "b: is short"].map(String::from);
+        assert_eq!(
+            notes_once(&notes),
+            ["a, b: rests", "its zero is assumed", "b: is short"]
+        );
     }
 }

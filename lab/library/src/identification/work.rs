@@ -188,14 +188,13 @@ fn weight_from(model: &Model, place: Option<Place>) -> u64 {
     let weight = |e: &EffectInstance| match (place_of(&*e.effect), place) {
         // The stage of the mode takes it in.
         (Place::Friction, Some(from)) if from > Place::Vibration => 0,
-        (Place::Friction, _) => BALANCED,
-        (at, Some(from)) if at < from => 0,
-        _ => {
-            let by_parameters = || (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP);
-            e.effect
-                .declaration()
-                .lasts_steps
-                .unwrap_or_else(by_parameters)
+        (at, Some(from)) if at < from && at != Place::Friction => 0,
+        (at, _) => {
+            let by_place = || match at {
+                Place::Friction => BALANCED,
+                _ => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
+            };
+            e.effect.declaration().lasts_steps.unwrap_or_else(by_place)
         }
     };
     model.effects.iter().map(weight).sum::<u64>().max(1)
