@@ -81,9 +81,22 @@ pub fn simulate(
             nm(band.get(widest).copied().unwrap_or(0.0)),
             seconds(widest)
         );
+        if let Some(only) = only_file(&model).filter(|file| *file != played.file) {
+            println!(
+                "  it is calibrated on parts of {only}: of another recording it may hold less than 95 %. Explain several, and hold one out"
+            );
+        }
     }
     say_notes(played.notes.iter().chain(&predicted.remarks));
     Ok(true)
+}
+
+/// The one file of which all records of a model are parts.
+fn only_file(model: &Model) -> Option<&str> {
+    let starts = &model.identified.as_ref()?.recorded.starts;
+    let first = starts.first()?;
+    let is_only = starts.iter().all(|start| start.file == first.file);
+    is_only.then_some(first.file.as_str())
 }
 
 fn played(
