@@ -1,6 +1,6 @@
 //! One mode: exact for what the drives give, with forces that depend on its own motion beside it.
 
-use super::Held;
+use super::drive_path::Held;
 use crate::elastoplastic_friction::Dahl;
 use serde::{Deserialize, Serialize};
 

@@ -19,8 +19,9 @@
 //! Maxwell-slip elements only store and lose energy where stiffness and compliance are not negative. Softening
 //! cannot take more than the stiffness of the structure within [`ModalStage::softening_most`].
 
+use super::drive_path::{ActuatorSoftening, Held};
 use super::modal_motion::{CORRECTIONS, ModalMotion, steps_needed};
-use super::{ActuatorSoftening, Held, ModalStage};
+use super::modal_stage::ModalStage;
 
 /// Steps in a period in which the force of an actuator runs straight: at a tenth of the sampling rate it then
 /// errs by 1 %.
