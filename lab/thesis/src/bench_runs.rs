@@ -25,7 +25,37 @@ use hysteron_sim::bench::{Bench, Completeness, Variant};
 use hysteron_sim::closed_loop::{Experiment, Trace};
 use hysteron_sim::waveform;
 use rayon::prelude::*;
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// A scheme of Chapter 6: its name in the rows' identifiers, the servo, and where its gains come from.
+pub type NamedScheme = (&'static str, ServoDesign, &'static str);
+
+/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
+/// misses it).
+#[must_use]
+pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
+    let sines = |t: f64| {
+        let s = t - 0.03;
+        75.0 / 7.0 * (TAU * 10.0 * s + 2.0 * FRAC_PI_2).sin()
+            + 125.0 / 14.0 * (TAU * 40.0 * s + FRAC_PI_2).sin()
+            + 25.0 / 7.0 * (TAU * 100.0 * s + 0.2 * 2.0 * FRAC_PI_2).sin()
+            + 15.0 / 14.0 * (TAU * 200.0 * s).sin()
+            + 25.0
+    };
+    (0..waveform::samples_in(sample_rate_hz, duration_s))
+        .map(|k| {
+            let t = k as f64 / sample_rate_hz;
+            if t <= 0.02 {
+                0.0
+            } else if t <= 0.03 {
+                let s = (t - 0.02) / 0.01;
+                sines(0.03) * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
+            } else {
+                sines(t)
+            }
+        })
+        .collect()
+}
 
 /// A figure in micrometres.
 pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> ChapterRow {

@@ -4,8 +4,8 @@
 //! The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
 
 use crate::bench_runs::{
-    CHOICE_HZ, CHOICE_SEED, choice, commission, designed, gains_of, quasi_step_rows, run,
-    sine_reference_um, tracking, without_model,
+    CHOICE_HZ, CHOICE_SEED, NamedScheme, choice, commission, designed, gains_of, quasi_step_rows,
+    run, sine_reference_um, tracking, without_model,
 };
 use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::figures;
@@ -76,9 +76,6 @@ fn reaching_candidates(reaching: &[ReachingGains]) -> Vec<Scheme> {
         })
         .collect()
 }
-
-/// A scheme of Chapter 6: its name in the rows' identifiers, the servo, and where its gains come from.
-pub type NamedScheme = (&'static str, ServoDesign, &'static str);
 
 /// PIDSM, PID, ideal sliding mode and boundary layer with the thesis' gains; all but PIDSM tuned on the bench
 /// by the thesis' criterion as well; and what is designed for an identified model with the period of delay: a

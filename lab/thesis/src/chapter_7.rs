@@ -8,7 +8,7 @@
 
 use crate::bench_runs::{
     Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, choice, commission_all, designed,
-    quasi_step_rows, row_um, sine_reference_um, tracking, without_model,
+    equation_35_v, quasi_step_rows, row_um, sine_reference_um, tracking, without_model,
 };
 use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::comparison;
@@ -32,9 +32,8 @@ use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
 use hysteron_core::signal::Micrometres;
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::closed_loop::ErrorFigures;
-use hysteron_sim::waveform;
 use rayon::prelude::*;
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::TAU;
 
 /// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
 #[must_use]
@@ -286,33 +285,6 @@ pub fn reproduce(bench: &Bench, progress: ChapterProgress) -> Chapter {
         sections,
         choices,
     }
-}
-
-/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
-/// misses it).
-#[must_use]
-pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
-    let sines = |t: f64| {
-        let s = t - 0.03;
-        75.0 / 7.0 * (TAU * 10.0 * s + 2.0 * FRAC_PI_2).sin()
-            + 125.0 / 14.0 * (TAU * 40.0 * s + FRAC_PI_2).sin()
-            + 25.0 / 7.0 * (TAU * 100.0 * s + 0.2 * 2.0 * FRAC_PI_2).sin()
-            + 15.0 / 14.0 * (TAU * 200.0 * s).sin()
-            + 25.0
-    };
-    (0..waveform::samples_in(sample_rate_hz, duration_s))
-        .map(|k| {
-            let t = k as f64 / sample_rate_hz;
-            if t <= 0.02 {
-                0.0
-            } else if t <= 0.03 {
-                let s = (t - 0.02) / 0.01;
-                sines(0.03) * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
-            } else {
-                sines(t)
-            }
-        })
-        .collect()
 }
 
 /// Observer accuracy on Eq. (35): the design's own observer, and the PIDSMO with the thesis' gains.

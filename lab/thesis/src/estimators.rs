@@ -9,9 +9,8 @@
 //! integrated by the classical Runge-Kutta rule, with the drive held and the reading running straight between
 //! samples.
 
-use crate::bench_runs::row_um;
+use crate::bench_runs::{equation_35_v, row_um};
 use crate::chapter::ChapterRow;
-use crate::chapter_7::equation_35_v;
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::thesis_schemes::ObserverGains;
 use hysteron::statistics::rms;

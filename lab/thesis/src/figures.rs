@@ -1,10 +1,10 @@
 //! The figures of Chapters 6 and 7 with ours: phase portraits, compensated hysteresis, errors over frequency,
 //! observer and noise.
 
-use crate::bench_runs::{Commissioned, quasi_step_um, run, sine_reference_um, without_model};
+use crate::bench_runs::{
+    Commissioned, NamedScheme, equation_35_v, quasi_step_um, run, sine_reference_um, without_model,
+};
 use crate::chapter::ChapterRow;
-use crate::chapter_6::NamedScheme;
-use crate::chapter_7::equation_35_v;
 use hysteron::identification::fit::rms;
 use hysteron::servo::design::{Form, Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
