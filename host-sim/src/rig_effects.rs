@@ -1,4 +1,4 @@
-//! What a stick-slip rig may have beyond the model of chapter 3: sixteen effects, each with one or two values.
+//! What a stick-slip rig may have beyond the model of chapter 3: seventeen effects, each with one or two values.
 //!
 //! All values are zero in a rig without any, and a zero changes nothing. What acts between the piezo's drive
 //! and the platform is an [`Element`], what acts between the slider and its reading a [`SliderSensor`]. Forces
@@ -26,6 +26,8 @@ pub struct RigEffects {
     pub guide_stiffness_n_um: f64,
     /// Viscous friction between slider and frame, N s/um.
     pub guide_viscosity_n_s_um: f64,
+    /// Viscous friction between platform and slider, N s/um.
+    pub contact_viscosity_n_s_um: f64,
     /// Friction at rest above that of sliding.
     pub stribeck_share: f64,
     /// Velocity at which that has fallen to 1/e, um/s.
@@ -96,7 +98,7 @@ macro_rules! parameter {
 }
 
 /// All effects.
-pub static RIG_EFFECTS: [RigEffect; 16] = [
+pub static RIG_EFFECTS: [RigEffect; 17] = [
     RigEffect {
         id: "preload",
         sentence: "another normal force scales friction and stiffness of the contact",
@@ -144,6 +146,16 @@ pub static RIG_EFFECTS: [RigEffect; 16] = [
             guide_viscosity_n_s_um,
             "N s/um",
             [3e-6, 3e-5],
+            [0.0, 1e-3]
+        )],
+    },
+    RigEffect {
+        id: "contact_viscosity",
+        sentence: "a viscous force of the contact grows with the sliding velocity",
+        parameters: &[parameter!(
+            contact_viscosity_n_s_um,
+            "N s/um",
+            [1e-6, 5e-6],
             [0.0, 1e-3]
         )],
     },

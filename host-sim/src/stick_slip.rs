@@ -21,7 +21,9 @@
 //! hundred times more accurate for the thesis' contact, and still stable for a contact five times stiffer in
 //! the transition; it is the default.
 
+use crate::block::Play;
 use crate::closed_loop::Plant;
+use crate::effect::play_operators::PlayOperators;
 use crate::elastoplastic_friction::ElastoplasticFriction;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::rig_effects::{Element, GRAVITY_M_S2, RigEffects, SliderSensor};
@@ -38,6 +40,8 @@ pub const PLATFORM_STIFFNESS_N_UM: f64 = 45.0;
 pub struct StickSlipActuator {
     /// Hysteresis surface `F(alpha, beta) / K` in um over the normalised drive, without remnant.
     pub hysteresis: Surfaces,
+    /// Play operators beside it: loops with kinks, by the normalised input, in um.
+    pub plays: Vec<Play>,
     /// Drive at which the normalised input is one, V.
     pub drive_range_v: f64,
     /// Stiffness of the piezo with the platform, N/um.
@@ -133,6 +137,7 @@ impl StickSlipActuator {
         };
         Self {
             hysteresis: nearest_surface_um(PLATFORM_STIFFNESS_N_UM),
+            plays: Vec::new(),
             drive_range_v: 100.0,
             platform_stiffness_n_um: PLATFORM_STIFFNESS_N_UM,
             natural_frequency_rad_s: 1526.0,
@@ -151,9 +156,8 @@ impl StickSlipActuator {
     /// Force-equivalent displacement of the hysteresis alone for a drive, um.
     #[must_use]
     pub fn force_equivalent_um(&self, drive_v: &[f64]) -> Vec<f64> {
-        let mut hysteresis =
-            OneSidedHysteresis::virgin(self.hysteresis.clone(), 0.0, self.drive_range_v);
-        drive_v.iter().map(|u| hysteresis.step(*u)).collect()
+        let mut loops = Loops::virgin(self);
+        drive_v.iter().map(|u| loops.step(*u)).collect()
     }
 
     /// Force-equivalent displacement of the whole element, with its effects, um.
@@ -245,7 +249,8 @@ impl StickSlipActuator {
             friction.coulomb_force_n *= effects.friction_factor(x2, v1 - v2);
         }
         let bend_rate = friction.bend_rate(z, v1 - v2);
-        let friction_n = friction.force_n(z, bend_rate);
+        let friction_n =
+            friction.force_n(z, bend_rate) + effects.contact_viscosity_n_s_um * (v1 - v2);
         let guide_n = effects.guide_stiffness_n_um * x2 + effects.guide_viscosity_n_s_um * v2;
         let slider_n = friction_n - guide_n - self.weight_along_n();
         // The platform's mass is K / omega^2, so its reaction is friction omega^2 / K.
@@ -314,11 +319,36 @@ impl StickSlipActuator {
     }
 }
 
+/// Surfaces and plays along a drive.
+#[derive(Clone, Debug)]
+struct Loops {
+    hysteresis: OneSidedHysteresis,
+    plays: PlayOperators,
+    range_v: f64,
+}
+
+impl Loops {
+    fn virgin(actuator: &StickSlipActuator) -> Self {
+        let range_v = actuator.drive_range_v;
+        let of_play = |play: &Play| (play.threshold, play.weight);
+        let plays: Vec<(f64, f64)> = actuator.plays.iter().map(of_play).collect();
+        Self {
+            hysteresis: OneSidedHysteresis::virgin(actuator.hysteresis.clone(), 0.0, range_v),
+            plays: PlayOperators::new(&plays),
+            range_v,
+        }
+    }
+
+    fn step(&mut self, drive_v: f64) -> f64 {
+        self.hysteresis.step(drive_v) + self.plays.step(drive_v / self.range_v)
+    }
+}
+
 /// A stick-slip actuator that moves on sample by sample, for a loop around it.
 #[derive(Clone, Debug)]
 pub struct StickSlipPlant {
     actuator: StickSlipActuator,
-    hysteresis: OneSidedHysteresis,
+    loops: Loops,
     element: Element,
     sensor: SliderSensor,
     reading_um: f64,
@@ -330,10 +360,10 @@ impl StickSlipPlant {
     /// At rest and virgin at 0 V, sampled with this period.
     #[must_use]
     pub fn at_rest(actuator: StickSlipActuator, period_s: f64) -> Self {
-        let (surfaces, effects) = (actuator.hysteresis.clone(), actuator.effects);
+        let effects = actuator.effects;
         let actuator = actuator.with_changed_contact();
         Self {
-            hysteresis: OneSidedHysteresis::virgin(surfaces, 0.0, actuator.drive_range_v),
+            loops: Loops::virgin(&actuator),
             element: Element::at_rest(effects, actuator.drive_range_v, period_s),
             sensor: SliderSensor::at_rest(effects, period_s),
             reading_um: 0.0,
@@ -346,7 +376,7 @@ impl StickSlipPlant {
 
 impl Plant for StickSlipPlant {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
-        let loops_um = self.hysteresis.step(drive_v);
+        let loops_um = self.loops.step(drive_v);
         let force_um = self.element.step(drive_v, loops_um) + external_um;
         for _ in 0..SUBSTEPS {
             self.state =
@@ -453,7 +483,19 @@ mod tests {
     #[test]
     fn the_plant_moves_as_the_simulation_does() {
         let drive_v = waveform::saw_tooth(FS, 60.0, 50.0, 1.0, 4);
-        let actuator = StickSlipActuator::thesis(0.0635);
+        let mut actuator = StickSlipActuator::thesis(0.0635);
+        let without_um = actuator.force_equivalent_um(&drive_v);
+        actuator.plays = vec![Play {
+            threshold: 0.1,
+            weight: 2.0,
+        }];
+        // The play is behind a rise to half the range by its threshold.
+        let first = (FS / 60.0) as usize - 1;
+        let more_um = actuator.force_equivalent_um(&drive_v)[first] - without_um[first];
+        assert!(
+            (more_um - 2.0 * (drive_v[first] / 100.0 - 0.1)).abs() < 1e-9,
+            "{more_um}"
+        );
         let simulated = actuator.simulate(&drive_v, FS).end_effector_um;
         let mut plant = StickSlipPlant::at_rest(actuator, 1.0 / FS);
         for (u, y) in drive_v.iter().zip(&simulated) {

@@ -73,6 +73,8 @@ pub struct Alteration {
     pub guide_n_um: f64,
     /// Viscous force of the guide, N s/um.
     pub guide_n_s_um: f64,
+    /// Viscous force of the contact beyond the nominal one, N s/um.
+    pub contact_n_s_um: f64,
     /// Logarithm of the friction along the travel, 1/um.
     pub wear_per_um: f64,
     /// Relative change of the element's gain.
@@ -215,6 +217,7 @@ impl Plant for LugreRig {
         let [omega, damping_ratio, stiffness_n_um] = PLATFORM;
         let [sigma_0, sigma_1, sigma_2] = CONTACT;
         let sigma_0 = sigma_0 * self.factors.preload * (1.0 + altered.contact_stiffness);
+        let sigma_2 = sigma_2 + altered.contact_n_s_um;
         let [sliding_n, breakaway_n, stribeck_um_s] = FORCES;
         let of_force = self.factors.friction * self.factors.preload;
         let mass_kg = MASS_KG * self.factors.mass;

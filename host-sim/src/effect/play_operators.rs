@@ -30,14 +30,14 @@ struct Elements {
 
 /// A weighted sum of play operators (backlash elements), each with its threshold in units of the drive range.
 #[derive(Clone, Debug)]
-pub(super) struct PlayOperators {
+pub(crate) struct PlayOperators {
     elements: Vec<Elements>,
     count: usize,
 }
 
 impl PlayOperators {
     /// Virgin operators.
-    pub(super) fn new(thresholds_and_weights: &[(f64, f64)]) -> Self {
+    pub(crate) fn new(thresholds_and_weights: &[(f64, f64)]) -> Self {
         let some = |given: &[(f64, f64)]| {
             let mut out = Elements::default();
             given
@@ -77,7 +77,7 @@ impl PlayOperators {
 
     /// Follows an input and returns the weighted sum.
     #[inline]
-    pub(super) fn step(&mut self, x: f64) -> f64 {
+    pub(crate) fn step(&mut self, x: f64) -> f64 {
         let mut sums = [0.0; SIDE_BY_SIDE];
         for Elements {
             thresholds,

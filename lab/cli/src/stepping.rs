@@ -112,6 +112,34 @@ fn stepping_order(desk: &Desk, rig: &RigArguments) -> Result<SteppingOrder> {
     Ok(order)
 }
 
+/// The values of a contact in words.
+fn contact_values(found: &IdentifiedContact) -> Vec<String> {
+    let value = |name: &str, unit: &str, scale: f64, value: Measured| {
+        let figure = figure(value.times(scale), unit);
+        format!("{name} {}", figure.trim_end())
+    };
+    let of_some = [
+        ("break-away ratio", "", 1.0, found.breakaway_ratio),
+        ("Stribeck share", "", 1.0, found.stribeck_share),
+        (
+            "Stribeck velocity",
+            "um/s",
+            1.0,
+            found.stribeck_velocity_um_s,
+        ),
+        ("viscosity", "N s/m", 1e6, found.contact_viscosity_n_s_um),
+    ];
+    let of_all = [
+        ("Coulomb force", "mN", 1e3, Some(found.coulomb_force_n)),
+        ("stiffness", "N/um", 1.0, Some(found.stiffness_n_um)),
+        ("damping", "N s/mm", 1e3, Some(found.damping_n_s_um)),
+    ];
+    let values = of_all.into_iter().chain(of_some);
+    values
+        .filter_map(|(name, unit, scale, figure)| Some(value(name, unit, scale, figure?)))
+        .collect()
+}
+
 /// Identifies the contact and prints it, with the teeth that suit the rig.
 fn contact(
     desk: &Desk,
@@ -135,11 +163,8 @@ fn contact(
     let found = identify_contact(&known, drive_v, &tape.displacement_um, rate_hz)
         .map_err(|m| Error::new(&tape.source, m))?;
     println!(
-        "  contact: Coulomb force {}, stiffness {}, damping {}, break-away ratio {}; it leaves {:.2} nm",
-        figure(found.coulomb_force_n.times(1e3), "mN"),
-        figure(found.stiffness_n_um, "N/um"),
-        figure(found.damping_n_s_um.times(1e3), "N s/mm"),
-        figure(found.breakaway_ratio, "").trim_end(),
+        "  contact: {}; it leaves {:.2} nm",
+        contact_values(&found).join(", "),
         1e3 * found.residual_um
     );
     if let Some(times) = noise_um.map(|noise| found.residual_um / noise)
@@ -151,7 +176,7 @@ fn contact(
             platform.display()
         );
     }
-    known.friction = found.friction;
+    known = found.on(&known);
     if let Some(path) = &rig.rig {
         desk.write(path, stepping_rig::to_toml(&known)?.as_bytes())?;
     }

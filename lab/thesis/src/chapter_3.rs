@@ -658,7 +658,7 @@ fn friction_table(found: &IdentifiedContact) -> (Vec<ChapterRow>, Table) {
             "z_b/z_s",
             "1",
             1.0,
-            found.breakaway_ratio,
+            found.breakaway_ratio.unwrap_or_default(),
             0.801,
         ),
     ];
@@ -697,6 +697,7 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
     progress("chapter 3: friction from the 50 V, 60 Hz saw-tooth");
     let mut model = StickSlipActuator {
         hysteresis: surfaces,
+        plays: Vec::new(),
         drive_range_v: DRIVE_RANGE_V,
         platform_stiffness_n_um: PLATFORM_STIFFNESS_N_UM,
         natural_frequency_rad_s: platform.values[0],
@@ -711,7 +712,7 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
         320,
     );
     let contact = identify_contact(&model, &drive_50, &reading_50, SAMPLE_RATE_HZ)?;
-    model.friction = contact.friction;
+    model = contact.on(&model);
 
     let (mut rows, figure_4) = saw_teeth(&rig, &model);
     progress("chapter 3: error of the integrator");

@@ -53,6 +53,33 @@ fn the_published_controller_reaches_a_tenth_of_a_millimetre() {
 
 mod long {
     use super::*;
+    use hysteron::rig_diagnosis::planted::NOISE_UM;
+    use hysteron_research::rig_diagnosis_study::ModelledRig;
+    use hysteron_sim::rig_effects::RigEffects;
+
+    #[test]
+    #[ignore = "100 s of processor: cargo xtask full"]
+    fn a_lugre_rig_is_modelled_to_its_noise() {
+        let rig = ModelledRig::identified(Equations::Lugre, 3).unwrap();
+        let (friction, effects) = (rig.start.friction, rig.start.effects);
+        println!("{friction:?} {effects:?}");
+        assert_eq!(friction.breakaway_ratio, None);
+        // What stands in `lugre_rig`, with this rig's factors.
+        for (found, truth, share) in [
+            (friction.coulomb_force_n, 0.036 * 1.3 * 0.7, 0.03),
+            (friction.stiffness_n_um, 0.5 * 0.7, 0.03),
+            (effects.stribeck_share, 0.043 / 0.036 - 1.0, 0.1),
+            (effects.stribeck_velocity_um_s, 400.0, 0.1),
+            (effects.contact_viscosity_n_s_um, 1e-6, 0.1),
+        ] {
+            assert!((found / truth - 1.0).abs() < share, "{found} {truth}");
+        }
+        let unaltered = rig.dataset(&RigEffects::default(), 77).unwrap();
+        let found = rig.diagnosed(&unaltered).unwrap();
+        let left_um = found.residual_rms_after_um.validate.unwrap();
+        assert!(found.findings.is_empty(), "{}", found.sentence);
+        assert!(left_um < 1.5 * NOISE_UM, "{left_um}");
+    }
 
     #[test]
     #[ignore = "10 s of processor: cargo xtask full"]

@@ -1,8 +1,8 @@
 //! The values of some effects of a rig, refined on its fitted readings.
 //!
 //! The contact of the start is known to about a percent, and recordings show a ten-thousandth. So every model
-//! that is compared may move the four values of the contact within [`CONTACT_MOVES`]: what is inside is no
-//! finding.
+//! that is compared may move the values of the contact within [`CONTACT_MOVES`] deviations: what is inside is
+//! no finding.
 
 use super::recordings::{Reading, RigData, RigResiduals, mean_square, remove_mean};
 use crate::least_squares::{Problem, refined};
@@ -14,20 +14,22 @@ use nalgebra::{DMatrix, DVector};
 /// Steps of a refinement, and the fall of the cost that ends it.
 const STEPS: usize = 10;
 const FALL_ENOUGH: f64 = 3e-4;
-/// Move of an effect's value for a derivative, in its usual size, and of a contact's value: about as large.
+/// Move of an effect's value for a derivative, in its usual size, and of a contact's value, in its deviation:
+/// about as large.
 const DERIVATIVE_STEP: f64 = 2e-3;
-const CONTACT_STEP: f64 = 5e-4;
+const CONTACT_STEP: f64 = 0.05;
 /// Longest step of a value, in its usual size.
 const LONGEST_STEP: f64 = 20.0;
 /// Sizes of the guesses from which the best one is refined.
 const SIZES: [f64; 2] = [0.5, 2.0];
-/// Values of the contact: force, stiffness and damping as relative changes, the break-away ratio as such.
-const CONTACT_VALUES: usize = 4;
-/// Deviation of each, as the guide's recordings leave it, and how far it may move: three of them.
-const CONTACT_STD: f64 = 0.01;
-const CONTACT_MOVES: f64 = 0.03;
-/// How far the contact of a new rig may move.
-const NEW_CONTACT_MOVES: f64 = 0.7;
+/// Values of the contact: force, stiffness, damping, the break-away ratio, share and velocity of Stribeck's
+/// fall, and viscosity. The ratio moves as such, the others as relative changes.
+const CONTACT_VALUES: usize = 7;
+/// Deviation of each, as the guide's recordings leave it: those of the friction's fall and rise with the
+/// velocity trade off.
+const CONTACT_STD: [f64; CONTACT_VALUES] = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1];
+/// How many of them a value may move.
+const CONTACT_MOVES: f64 = 3.0;
 /// Highest break-away ratio that is simulated.
 const RATIO_MAX: f64 = 0.97;
 
@@ -48,8 +50,8 @@ pub struct RigFit<'a> {
     pub start: &'a StickSlipActuator,
     /// The values of effects that are free.
     free: Vec<&'static RigParameter>,
-    /// How far the contact may move too, and the deviation of its values.
-    contact: Option<[f64; 2]>,
+    /// The values of the contact that may move too.
+    contact: Vec<usize>,
 }
 
 fn is_fitted(reading: &Reading) -> bool {
@@ -65,21 +67,21 @@ impl<'a> RigFit<'a> {
             data,
             start,
             free: free.collect(),
-            contact: None,
+            contact: Vec::new(),
         }
     }
 
-    /// The same with the contact free as far as the start leaves it open.
+    /// The same with the values of the contact that the start has free, as far as it leaves them open.
     #[must_use]
     pub fn with_contact(self) -> Self {
-        let contact = Some([CONTACT_MOVES, CONTACT_STD]);
-        Self { contact, ..self }
-    }
-
-    /// The same with a contact of which nothing is known, to complete the model of a new rig.
-    #[must_use]
-    pub fn with_new_contact(self) -> Self {
-        let contact = Some([NEW_CONTACT_MOVES, 1.0]);
+        let (friction, effects) = (self.start.friction, self.start.effects);
+        let has = |nth: &usize| match nth {
+            3 => friction.breakaway_ratio.is_some(),
+            4 | 5 => effects.stribeck_share != 0.0,
+            6 => effects.contact_viscosity_n_s_um != 0.0,
+            _ => true,
+        };
+        let contact = (0..CONTACT_VALUES).filter(has).collect();
         Self { contact, ..self }
     }
 
@@ -87,7 +89,8 @@ impl<'a> RigFit<'a> {
     #[must_use]
     pub fn rig(&self, at: &RigValues) -> StickSlipActuator {
         let mut rig = self.start.clone();
-        let (friction, [force, stiffness, damping, ratio]) = (&mut rig.friction, at.contact);
+        let [force, stiffness, damping, ratio, share, velocity, viscosity] = at.contact;
+        let friction = &mut rig.friction;
         friction.coulomb_force_n *= 1.0 + force;
         friction.stiffness_n_um *= 1.0 + stiffness;
         friction.damping_n_s_um *= 1.0 + damping;
@@ -95,6 +98,9 @@ impl<'a> RigFit<'a> {
             *of_start = (*of_start + ratio).clamp(0.0, RATIO_MAX.max(*of_start));
         }
         rig.effects = at.effects;
+        rig.effects.stribeck_share *= 1.0 + share;
+        rig.effects.stribeck_velocity_um_s *= 1.0 + velocity;
+        rig.effects.contact_viscosity_n_s_um *= 1.0 + viscosity;
         rig
     }
 
@@ -147,7 +153,7 @@ impl<'a> RigFit<'a> {
         let free = self.free.iter().enumerate();
         free.map(|(nth, parameter)| {
             let measured = Measured {
-                value: parameter.value(&at.effects),
+                value: parameter.value(&self.rig(at).effects),
                 std: parameter.guesses[0].abs() * std(nth),
             };
             (*parameter, measured)
@@ -172,22 +178,24 @@ impl<'a> RigFit<'a> {
     }
 
     fn coordinates(&self) -> usize {
-        self.free.len() + self.contact.map_or(0, |_| CONTACT_VALUES)
+        self.free.len() + self.contact.len()
     }
 
     /// Usual size and range of a coordinate.
     fn size_and_range(&self, nth: usize) -> (f64, [f64; 2]) {
-        let [moves, std] = self.contact.unwrap_or_default();
-        let of_contact = (std.min(CONTACT_STD), [-moves, moves]);
-        self.free.get(nth).map_or(of_contact, |parameter| {
-            (parameter.guesses[0].abs(), parameter.range)
-        })
+        self.free.get(nth).map_or_else(
+            || {
+                let std = CONTACT_STD[self.contact[nth - self.free.len()]];
+                (std, [-CONTACT_MOVES * std, CONTACT_MOVES * std])
+            },
+            |parameter| (parameter.guesses[0].abs(), parameter.range),
+        )
     }
 
     fn place<'v>(&self, at: &'v mut RigValues, nth: usize) -> &'v mut f64 {
         match self.free.get(nth) {
             Some(parameter) => (parameter.place)(&mut at.effects),
-            None => &mut at.contact[nth - self.free.len()],
+            None => &mut at.contact[self.contact[nth - self.free.len()]],
         }
     }
 
@@ -213,8 +221,11 @@ impl Problem for RigFit<'_> {
         let squares = residuals.iter().enumerate().map(|(nth, left)| {
             mean_square(left) * left.len() as f64 / self.data.unit_um(nth).powi(2)
         });
-        let std = self.contact.map_or(CONTACT_STD, |[_, std]| std);
-        let moved = at.contact.iter().map(|by| (by / std).powi(2));
+        let moved = at
+            .contact
+            .iter()
+            .zip(CONTACT_STD)
+            .map(|(by, std)| (by / std).powi(2));
         let cost = squares.sum::<f64>() + moved.sum::<f64>();
         if cost.is_finite() {
             cost
@@ -227,9 +238,8 @@ impl Problem for RigFit<'_> {
         let here = self.in_units(self.data.modelled(&self.rig(at), &is_fitted));
         let samples = here.len();
         let mut residual = self.in_units(self.residuals(at));
-        let std = self.contact.map_or(CONTACT_STD, |[_, std]| std);
-        let extra = self.coordinates() - self.free.len();
-        residual.extend(at.contact.iter().take(extra).map(|by| -by / std));
+        let of_contact = self.contact.iter();
+        residual.extend(of_contact.map(|nth| -at.contact[*nth] / CONTACT_STD[*nth]));
         let mut columns = DMatrix::zeros(residual.len(), self.coordinates());
         for nth in 0..self.coordinates() {
             let (size, [least, most]) = self.size_and_range(nth);
@@ -237,11 +247,12 @@ impl Problem for RigFit<'_> {
             let value = self.place(&mut beside, nth);
             let from = *value;
             let of_effect = nth < self.free.len();
-            let step = if of_effect {
-                DERIVATIVE_STEP * size
-            } else {
-                CONTACT_STEP
-            };
+            let step = size
+                * if of_effect {
+                    DERIVATIVE_STEP
+                } else {
+                    CONTACT_STEP
+                };
             // Away from the end at which it may stand.
             *value = if from + step > most {
                 from - step
@@ -255,7 +266,7 @@ impl Problem for RigFit<'_> {
                 columns[(row, nth)] = (there - here) * size / by;
             }
             if nth >= self.free.len() {
-                columns[(samples + nth - self.free.len(), nth)] = size / std;
+                columns[(samples + nth - self.free.len(), nth)] = 1.0;
             }
         }
         (columns, DVector::from_vec(residual))

@@ -250,6 +250,27 @@ impl ActuatorModel {
         out
     }
 
+    /// The surfaces with play operators, by threshold over the range and weight, in them.
+    pub(super) fn with_plays(self, plays: &[(f64, f64)]) -> Self {
+        if plays.is_empty() {
+            return self;
+        }
+        // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
+        let beyond = |way: f64, widths: f64| -> f64 {
+            plays
+                .iter()
+                .map(|(threshold, weight)| weight * (way - widths * threshold).max(0.0))
+                .sum()
+        };
+        self.with_surfaces_of(
+            DEGREE_OF_OTHERS,
+            0.0,
+            |x, z| beyond(x - z, 2.0),
+            |x| beyond(x, 1.0) - beyond(x, 2.0),
+        )
+        .0
+    }
+
     /// Surfaces of a degree, fitted to these and what is added to them, and the largest difference that
     /// remains, um.
     pub(super) fn with_surfaces_of(
@@ -441,23 +462,9 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
                 .0,
         );
     }
-    let Some(plays) = chain.values(play_operators::ID) else {
-        return Some(model);
-    };
-    // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
-    let beyond = |way: f64, widths: f64| -> f64 {
-        plays
-            .chunks_exact(2)
-            .map(|pair| pair[0] * (way - widths * pair[1]).max(0.0))
-            .sum()
-    };
-    let with_plays = model.with_surfaces_of(
-        DEGREE_OF_OTHERS,
-        0.0,
-        |x, z| beyond(x - z, 2.0),
-        |x| beyond(x, 1.0) - beyond(x, 2.0),
-    );
-    Some(with_plays.0)
+    let plays = chain.values(play_operators::ID).unwrap_or_default();
+    let plays = plays.chunks_exact(2).map(|pair| (pair[1], pair[0]));
+    Some(model.with_plays(&plays.collect::<Vec<_>>()))
 }
 
 /// Outputs on the way down from a first rise: by the input where it turned, then by the input on the way

@@ -347,6 +347,7 @@ pub fn contacts(rig: &StickSlipActuator, order: &SteppingOrder) -> Vec<SampledMo
 
 /// What fine motion is designed for: the platform alone.
 fn fine_model(rig: &StickSlipActuator, period_s: f64) -> ActuatorModel {
+    let plays = rig.plays.iter().map(|play| (play.threshold, play.weight));
     ActuatorModel {
         drive_min_v: 0.0,
         drive_max_v: rig.drive_range_v,
@@ -365,6 +366,7 @@ fn fine_model(rig: &StickSlipActuator, period_s: f64) -> ActuatorModel {
         creep: Vec::new(),
         creep_pair: None,
     }
+    .with_plays(&plays.collect::<Vec<_>>())
 }
 
 #[cfg(test)]

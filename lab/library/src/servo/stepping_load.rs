@@ -6,10 +6,11 @@
 //! `s = a t^2 / 2`, the slider has no load, and the platform a force-equivalent displacement that is smaller by
 //! `s + 2 zeta s' / omega + s'' / omega^2`. So the equations of the rig stay as they are.
 
-use super::stepping_contact::{IdentifiedContact, friction_at};
+use super::stepping_contact::IdentifiedContact;
 use super::stepping_design::{TEETH, Tooth};
 use crate::stepping::Measured;
 use hysteron_sim::stick_slip::{Integrator, SUBSTEPS, StickSlipActuator};
+use nalgebra::DVector;
 
 /// Halvings of the interval between no load and the Coulomb force: to a thousandth of it.
 const HALVINGS: usize = 10;
@@ -76,20 +77,13 @@ pub fn load_that_stops(
     let force_n = rig.friction.coulomb_force_n;
     let by_load = slope(&|by| step_um(rig, load_n + by * force_n, tooth, period_s)) / force_n;
     // What keeps the travel at zero: d load = -(d step / d contact) / (d step / d load).
-    let by_contact: [f64; 4] = std::array::from_fn(|nth| {
-        let moved = |by: f64| {
-            let mut at = contact.coordinates;
-            at[nth] += by;
-            let mut beside = rig.clone();
-            beside.friction = friction_at(&at);
-            step_um(&beside, load_n, tooth, period_s)
-        };
-        -slope(&moved) / by_load
-    });
-    let pairs = (0..4).flat_map(|a| (0..4).map(move |b| (a, b)));
-    let variance: f64 = pairs
-        .map(|(a, b)| by_contact[a] * contact.covariance[a][b] * by_contact[b])
-        .sum();
+    let moved = |nth: usize, by: f64| {
+        let beside = contact.moved_on(rig, nth, by);
+        step_um(&beside, load_n, tooth, period_s)
+    };
+    let coordinates = contact.covariance.nrows();
+    let by_contact = DVector::from_fn(coordinates, |nth, _| -slope(&|by| moved(nth, by)) / by_load);
+    let variance = by_contact.dot(&(&contact.covariance * &by_contact));
     Some(Measured {
         value: load_n,
         std: variance.max(0.0).sqrt(),
@@ -107,7 +101,7 @@ mod tests {
     fn contact() -> IdentifiedContact {
         let friction = StickSlipActuator::thesis(0.0635).friction;
         let mut contact = IdentifiedContact::known(&friction);
-        contact.covariance[0][0] = 1e-4;
+        contact.covariance[(0, 0)] = 1e-4;
         contact
     }
 

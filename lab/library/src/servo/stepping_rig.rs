@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::toml_file::with_schema;
+use hysteron_sim::block::Play;
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::rig_effects::{RigEffects, parameters};
@@ -30,6 +31,9 @@ struct RigFile {
     breakaway_ratio: Option<f64>,
     g_um: Vec<Vec<f64>>,
     r_um: Vec<f64>,
+    /// Threshold over the range and weight in um of each play operator beside the surfaces.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    plays: Vec<[f64; 2]>,
     /// Values of [`RigEffects`] that are not zero, by their names there.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     effects: BTreeMap<String, f64>,
@@ -82,14 +86,20 @@ fn first_wrong(file: &RigFile) -> Option<String> {
     }
     let powers = file.g_um.len();
     let is_square = file.g_um.iter().all(|row| row.len() == powers);
-    let numbers = file.g_um.iter().flatten().chain(&file.r_um);
+    if let Some([threshold, _]) = (file.plays.iter()).find(|play| !(0.0..=1.0).contains(&play[0])) {
+        return Some(format!(
+            "plays: threshold {threshold}: expected from 0 to 1"
+        ));
+    }
+    let of_plays = file.plays.iter().map(|play| &play[1]);
+    let numbers = file.g_um.iter().flatten().chain(&file.r_um).chain(of_plays);
     if !(1..=POWERS_MAX).contains(&powers) || !is_square || file.r_um.len() > POWERS_MAX {
         return Some(format!(
             "g_um, r_um: expected as many rows as columns, 1 to {POWERS_MAX}"
         ));
     }
     (!numbers.clone().all(|number| number.is_finite()))
-        .then(|| "g_um, r_um: expected finite numbers".into())
+        .then(|| "g_um, r_um, plays: expected finite numbers".into())
 }
 
 /// The text of a file.
@@ -111,6 +121,11 @@ pub fn to_toml(rig: &StickSlipActuator) -> Result<String> {
         breakaway_ratio: friction.breakaway_ratio,
         g_um: rig.hysteresis.g.clone(),
         r_um: rig.hysteresis.r.clone(),
+        plays: rig
+            .plays
+            .iter()
+            .map(|play| [play.threshold, play.weight])
+            .collect(),
         effects: parameters()
             .map(|parameter| (parameter.name.to_owned(), parameter.value(&rig.effects)))
             .filter(|(_, value)| *value != 0.0)
@@ -134,6 +149,12 @@ pub fn from_toml(text: &str, place: &str) -> Result<StickSlipActuator> {
             g: file.g_um,
             r: file.r_um,
         },
+        plays: (file.plays.iter())
+            .map(|[threshold, weight]| Play {
+                threshold: *threshold,
+                weight: *weight,
+            })
+            .collect(),
         drive_range_v: file.drive_range_v,
         platform_stiffness_n_um: file.platform_stiffness_n_um,
         natural_frequency_rad_s: file.natural_frequency_rad_s,
@@ -154,12 +175,21 @@ mod tests {
 
     #[test]
     fn a_rig_comes_back_as_it_went_or_names_what_is_wrong() {
-        let rig = StickSlipActuator::thesis(0.0635);
+        let mut rig = StickSlipActuator::thesis(0.0635);
+        rig.plays = vec![Play {
+            threshold: 0.2,
+            weight: 0.7,
+        }];
+        rig.friction.breakaway_ratio = None;
+        rig.effects.contact_viscosity_n_s_um = 1e-6;
         let text = to_toml(&rig).unwrap();
         assert_eq!(from_toml(&text, "rig.toml").unwrap(), rig);
         let wrong = text.replace("damping_ratio = 0", "damping_ratio = -0");
         let problem = from_toml(&wrong, "rig.toml").unwrap_err().to_string();
         assert!(problem.contains("damping_ratio"), "{problem}");
+        let wrong = text.replace("plays = [[0.2", "plays = [[2.2");
+        let problem = from_toml(&wrong, "rig.toml").unwrap_err().to_string();
+        assert!(problem.contains("threshold"), "{problem}");
         let problem = from_toml("mass = 1.0", "rig.toml").unwrap_err().to_string();
         assert!(problem.contains("mass"), "{problem}");
     }
