@@ -293,7 +293,7 @@ impl LinearLanes for VibrationLanes {
     }
 }
 
-/// Why a mode beyond the critical damping is none.
+/// Why a mode beyond the critical damping is not one.
 pub(super) fn two_lags(damping_ratio: f64) -> String {
     format!("with a damping ratio of {damping_ratio:.2} it does not ring: it is two lags")
 }

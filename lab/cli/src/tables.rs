@@ -93,7 +93,7 @@ pub fn say_notes<'a>(notes: impl IntoIterator<Item = &'a String>) {
     }
 }
 
-/// What several files have in common is said once, behind all of their names.
+/// Notes in which what several files have in common stands once, behind all of their names.
 fn notes_once<'a>(notes: impl IntoIterator<Item = &'a String>) -> Vec<String> {
     let mut said: Vec<(Vec<&str>, &str)> = Vec::new();
     for note in notes {
