@@ -280,7 +280,7 @@ fn recordings_and_rigs_that_do_not_suit_are_refused() {
                 "--auxiliary",
                 "t=1",
             ][..],
-            "t: has no effect for a stick-slip rig; expected the column platform_um",
+            "heat: has no effect for a stick-slip rig; expected the column platform_um",
         ),
     ] {
         let output = hysteron(command, folder.path());
