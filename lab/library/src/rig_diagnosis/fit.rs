@@ -7,7 +7,7 @@
 use super::recordings::{Reading, RigData, RigResiduals, mean_square, remove_mean};
 use crate::least_squares::{Problem, refined};
 use crate::stepping::Measured;
-use hysteron_sim::rig_effects::{RIG_EFFECTS, RigEffects, RigParameter};
+use hysteron_sim::rig_effects::{GRAVITY_M_S2, RIG_EFFECTS, RigEffects, RigParameter};
 use hysteron_sim::stick_slip::StickSlipActuator;
 use nalgebra::{DMatrix, DVector};
 
@@ -23,11 +23,12 @@ const LONGEST_STEP: f64 = 20.0;
 /// Sizes of the guesses from which the best one is refined.
 const SIZES: [f64; 2] = [0.5, 2.0];
 /// Values of the contact: force, stiffness, damping, the break-away ratio, share and velocity of Stribeck's
-/// fall, and viscosity. The ratio moves as such, the others as relative changes.
-const CONTACT_VALUES: usize = 7;
+/// fall, viscosity, and by how much more the friction holds in one direction than in the other, of the force.
+/// The ratio moves as such, the others as relative changes.
+const CONTACT_VALUES: usize = 8;
 /// Deviation of each, as the guide's recordings leave it: those of the friction's fall and rise with the
 /// velocity trade off.
-const CONTACT_STD: [f64; CONTACT_VALUES] = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1];
+const CONTACT_STD: [f64; CONTACT_VALUES] = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1, 0.01];
 /// How many of them a value may move.
 const CONTACT_MOVES: f64 = 3.0;
 /// Highest break-away ratio that is simulated.
@@ -89,7 +90,16 @@ impl<'a> RigFit<'a> {
     #[must_use]
     pub fn rig(&self, at: &RigValues) -> StickSlipActuator {
         let mut rig = self.start.clone();
-        let [force, stiffness, damping, ratio, share, velocity, viscosity] = at.contact;
+        let [
+            force,
+            stiffness,
+            damping,
+            ratio,
+            share,
+            velocity,
+            viscosity,
+            one_way,
+        ] = at.contact;
         let friction = &mut rig.friction;
         friction.coulomb_force_n *= 1.0 + force;
         friction.stiffness_n_um *= 1.0 + stiffness;
@@ -101,6 +111,10 @@ impl<'a> RigFit<'a> {
         rig.effects.stribeck_share *= 1.0 + share;
         rig.effects.stribeck_velocity_um_s *= 1.0 + velocity;
         rig.effects.contact_viscosity_n_s_um *= 1.0 + viscosity;
+        // As the slope that pulls so much.
+        let weight_n = rig.end_effector_mass_kg * GRAVITY_M_S2;
+        let pull_n = one_way * rig.friction.coulomb_force_n;
+        rig.effects.tilt_rad += (pull_n / weight_n).clamp(-1.0, 1.0).asin();
         rig
     }
 
