@@ -278,7 +278,7 @@ fn recordings_and_rigs_that_do_not_suit_are_refused() {
                 "--from",
                 "rig.toml",
                 "--auxiliary",
-                "t=1",
+                "heat=1",
             ][..],
             "heat: has no effect for a stick-slip rig; expected the column platform_um",
         ),

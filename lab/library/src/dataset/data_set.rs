@@ -83,16 +83,27 @@ impl Dataset {
             Role::Identify
         };
         let fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
-        straight_line_gain(&fitted)
+        straight_line(&fitted).gain_um_v
     }
 }
 
-/// Slope of drive and reading of records, um/V, zero without motion. The same to the last digit whatever their
-/// order.
-pub(super) fn straight_line_gain(records: &[&Record]) -> f64 {
+/// Readings of which a straight line explains this share follow the drive slowly: no mode, no lag and no
+/// filter decides what they do.
+pub(super) const FOLLOWS: f64 = 0.8;
+
+/// The straight line through drive and readings of records.
+pub(super) struct StraightLine {
+    /// Its slope, um/V, zero without motion.
+    pub(super) gain_um_v: f64,
+    /// Share of the readings' squares about their means that it explains.
+    pub(super) share: f64,
+}
+
+/// The straight line of records, the same to the last digit whatever their order.
+pub(super) fn straight_line(records: &[&Record]) -> StraightLine {
     let mut records = records.to_vec();
     records.sort_by(|a, b| a.name.cmp(&b.name));
-    let (mut uu, mut uy) = (0.0, 0.0);
+    let (mut uu, mut uy, mut yy) = (0.0, 0.0, 0.0);
     for record in records {
         // y[k] answers to u[k - 1].
         let rows: Vec<usize> = record.counted().filter(|k| *k > 0).collect();
@@ -100,10 +111,18 @@ pub(super) fn straight_line_gain(records: &[&Record]) -> f64 {
         let mean_u = rows.iter().map(|&k| record.drive_v[k - 1]).sum::<f64>() / n;
         let mean_y = rows.iter().map(|&k| record.displacement_um[k]).sum::<f64>() / n;
         for &k in &rows {
-            let u = record.drive_v[k - 1] - mean_u;
+            let (u, y) = (
+                record.drive_v[k - 1] - mean_u,
+                record.displacement_um[k] - mean_y,
+            );
             uu += u * u;
-            uy += u * (record.displacement_um[k] - mean_y);
+            uy += u * y;
+            yy += y * y;
         }
     }
-    if uu > 0.0 { uy / uu } else { 0.0 }
+    let moves = uu > 0.0 && yy > 0.0;
+    StraightLine {
+        gain_um_v: if uu > 0.0 { uy / uu } else { 0.0 },
+        share: if moves { uy * uy / (uu * yy) } else { 0.0 },
+    }
 }

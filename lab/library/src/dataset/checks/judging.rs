@@ -1,13 +1,12 @@
 //! Records that are not fitted beside those that are: another unit or sign, or a drive that goes further, is no
 //! fault of a model.
 
-use crate::dataset::data_set::{Dataset, straight_line_gain};
+use crate::dataset::data_set::{Dataset, FOLLOWS, straight_line};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::record::{Record, Role};
 use std::ops::RangeInclusive;
 
-/// A gain that differs by more is another unit or sign: lags, modes and loops change the slope of one record
-/// against another by less than twice on all recordings at hand.
+/// A gain that differs by more is another unit or sign, where readings follow the drive in a straight line.
 const GAIN_TIMES: RangeInclusive<f64> = 0.2..=5.0;
 /// Share of the fitted range by which a drive may go beyond it.
 const BEYOND_SHARE: f64 = 0.05;
@@ -22,14 +21,15 @@ pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
     if fitted.is_empty() {
         return Vec::new();
     }
-    let gain_um_v = straight_line_gain(&fitted);
+    let line = straight_line(&fitted);
     let range_v = range_v(&fitted);
     let gain = |record: &Record| {
-        let of_record = straight_line_gain(&[record]);
-        let times = of_record / gain_um_v;
-        (times.is_finite() && !GAIN_TIMES.contains(&times)).then_some(IssueKind::GainDiffers {
-            gain_um_v: of_record,
-            fitted_um_v: gain_um_v,
+        let of_record = straight_line(&[record]);
+        let follow = line.share.min(of_record.share) > FOLLOWS;
+        let times = of_record.gain_um_v / line.gain_um_v;
+        (follow && !GAIN_TIMES.contains(&times)).then_some(IssueKind::GainDiffers {
+            gain_um_v: of_record.gain_um_v,
+            fitted_um_v: line.gain_um_v,
         })
     };
     let beyond = |record: &Record| {

@@ -2,11 +2,11 @@
 //! that came off. Creep, drift or a leaking charge would be named for them.
 //!
 //! The drive is cut into *ways*, from one of its large turns to the next. A way is not followed where the
-//! readings stay within a small share of their range, and where they follow other ways that are as fast: what
-//! a stage filters out, it filters out of all of these.
+//! readings stay within a small share of their range, while they follow other ways that are as fast. This says
+//! something only of a drive that the readings follow slowly elsewhere: modes and filters stop a stage too.
 
 use crate::dataset::circumstances::turns;
-use crate::dataset::data_set::Dataset;
+use crate::dataset::data_set::{Dataset, FOLLOWS, straight_line};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::record::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
@@ -22,6 +22,8 @@ const STAYS_WITHIN: f64 = 0.05;
 const COVERS: f64 = 0.3;
 /// A way of this many times another's duration, or less, is as fast.
 const AS_FAST: f64 = 1.25;
+/// A target is lost so often at most in a record. More parts are what a stage does.
+const PARTS_MAX: usize = 2;
 
 /// Examines every driven record.
 pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
@@ -33,7 +35,17 @@ pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
 fn of_record(record: &Record) -> Option<Issue> {
     let window = &record.window;
     let inside = |part: Range<usize>| part.start.max(window.start)..part.end.min(window.end);
-    let lost: Vec<Range<usize>> = lost_parts(&record.drive_v, &record.displacement_um)
+    let parts = lost_parts(&record.drive_v, &record.displacement_um);
+    if parts.is_empty() || parts.len() > PARTS_MAX {
+        return None;
+    }
+    let mut elsewhere = record.clone();
+    elsewhere.window = 0..record.drive_v.len();
+    elsewhere.leave_out(parts.iter().cloned());
+    if straight_line(&[&elsewhere]).share < FOLLOWS {
+        return None;
+    }
+    let lost: Vec<Range<usize>> = parts
         .into_iter()
         .map(inside)
         .filter(|part| !part.is_empty())
@@ -122,6 +134,28 @@ mod tests {
             (3250..=3300).contains(&part.start) && part.end == 4000,
             "{part:?}"
         );
+    }
+
+    /// Lines of equal height up to three times the frequency of a mode with little damping.
+    #[test]
+    fn a_mode_under_a_multisine_is_followed() {
+        let drive_v: Vec<f64> = (0..4000)
+            .map(|k| {
+                let line = |n: i32| {
+                    let n = f64::from(n);
+                    (std::f64::consts::TAU * 2.5 * n * 1e-3 * f64::from(k) + 1.7 * n * n).sin()
+                };
+                50.0 + 4.0 * (1..=60).map(line).sum::<f64>()
+            })
+            .collect();
+        let rad = std::f64::consts::TAU * 50.0 * 1e-3;
+        let mut place = vec![50.0; drive_v.len()];
+        for k in 1..place.len() - 1 {
+            let (now, before) = (place[k], place[k - 1]);
+            let pull = rad * rad * (drive_v[k] - now) - 0.04 * rad * (now - before);
+            place[k + 1] = 2.0 * now - before + pull;
+        }
+        assert_eq!(issues(drive_v, |k, _| 0.1 * place[k]), []);
     }
 
     #[test]

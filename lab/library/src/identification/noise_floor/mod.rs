@@ -468,4 +468,38 @@ mod tests {
         }
         assert!((floor.at_least_um.unwrap() / 0.002 - 1.0).abs() < 0.06);
     }
+
+    /// A gain that flutters moves the readings of a hold and not those of a rest at zero.
+    #[test]
+    fn a_long_rest_decides_alone_about_lines() {
+        let rate_hz = 10_000.0;
+        let record = |name: &str, role, high_v: f64| {
+            let drive = |k: usize| match k {
+                0..9000 => high_v,
+                _ => high_v * (1.0 + 0.2 * (0.01 * (k - 9000) as f64).sin()),
+            };
+            let drive_v: Vec<f64> = (0..12_000).map(drive).collect();
+            let mut noise = hysteron_sim::noise::WhiteNoise::new(0.002, 7);
+            let flutter =
+                |k: usize| 1.0 + 0.02 * (std::f64::consts::TAU * 50.0 * k as f64 / rate_hz).sin();
+            let reads = |(k, u): (usize, &f64)| 0.1 * u * flutter(k) + noise.next_um();
+            let displacement_um = drive_v.iter().enumerate().map(reads).collect();
+            Record {
+                role,
+                ..Record::new(name, rate_hz, drive_v, displacement_um)
+            }
+        };
+        let held = record("held", Role::Identify, 50.0);
+        let lines_hz = |records: Vec<Record>| {
+            let dataset = Dataset::new("d", 0.0, 60.0, records).unwrap();
+            noise_floor(&dataset).lines_at_rest.lines_hz
+        };
+        let of_hold = lines_hz(vec![held.clone()]);
+        assert!(
+            of_hold.iter().any(|hz| (hz - 50.0).abs() < 1.0),
+            "{of_hold:?}"
+        );
+        let of_rest = lines_hz(vec![held, record("rest", Role::Noise, 0.0)]);
+        assert!(of_rest.is_empty(), "{of_rest:?}");
+    }
 }
