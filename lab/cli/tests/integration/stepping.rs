@@ -252,6 +252,12 @@ fn recordings_and_rigs_that_do_not_suit_are_refused() {
         "few.csv",
         up.lines().take(40).collect::<Vec<_>>().join("\n"),
     );
+    let with_heat = |line: (usize, &str)| match line {
+        (0, head) => format!("{head},heat"),
+        (_, row) => format!("{row},20"),
+    };
+    let heated: Vec<String> = up.lines().enumerate().map(with_heat).collect();
+    file("heated.csv", heated.join("\n"));
     for (data, from, expected) in [
         ("up.csv", "negative.toml", "coulomb_force_n"),
         ("up.csv", "surface.toml", "g_um"),
@@ -274,11 +280,11 @@ fn recordings_and_rigs_that_do_not_suit_are_refused() {
         (
             &[
                 "explain",
-                "up.csv",
+                "heated.csv",
                 "--from",
                 "rig.toml",
                 "--auxiliary",
-                "heat=1",
+                "heat=4",
             ][..],
             "heat: has no effect for a stick-slip rig; expected the column platform_um",
         ),
