@@ -6,9 +6,9 @@ use crate::statistics::peak_to_peak;
 use std::ops::Range;
 
 /// Voltages and heights of loops that differ by less than this share of the drive's range are alike.
-const ALIKE: f64 = 0.05;
+pub(super) const ALIKE: f64 = 0.05;
 /// Times that differ by less than this factor are alike.
-const ALIKE_IN_TIME: f64 = 1.25;
+pub(super) const ALIKE_IN_TIME: f64 = 1.25;
 /// The drive turns where it goes back by this share of its range; a smaller motion is a hold.
 const TURNS: f64 = 0.02;
 

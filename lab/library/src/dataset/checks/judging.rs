@@ -1,6 +1,7 @@
 //! Records that are not fitted beside those that are: another unit or sign, or a drive that goes further, is no
 //! fault of a model.
 
+use crate::dataset::circumstances::ALIKE;
 use crate::dataset::data_set::{Dataset, FOLLOWS, straight_line};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::record::{Record, Role};
@@ -8,8 +9,6 @@ use std::ops::RangeInclusive;
 
 /// A gain that differs by more is another unit or sign, where readings follow the drive in a straight line.
 const GAIN_TIMES: RangeInclusive<f64> = 0.2..=5.0;
-/// Share of the fitted range by which a drive may go beyond it.
-const BEYOND_SHARE: f64 = 0.05;
 
 /// Compares every record that is not fitted with those that are.
 pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
@@ -33,11 +32,11 @@ pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
         })
     };
     let beyond = |record: &Record| {
-        let free_v = BEYOND_SHARE * (range_v[1] - range_v[0]);
+        let free_v = ALIKE * (range_v[1] - range_v[0]);
         let drives = || record.counted().map(|k| record.drive_v[k]);
         let outside = drives().filter(|u| *u < range_v[0] - free_v || *u > range_v[1] + free_v);
         let share = outside.count() as f64 / drives().count().max(1) as f64;
-        (share > 0.0).then_some(IssueKind::BeyondFitted {
+        (share > ALIKE).then_some(IssueKind::BeyondFitted {
             fitted_v: range_v,
             share,
         })

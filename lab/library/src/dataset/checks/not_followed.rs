@@ -5,7 +5,7 @@
 //! readings stay within a small share of their range, while they follow other ways that are as fast. This says
 //! something only of a drive that the readings follow slowly elsewhere: modes and filters stop a stage too.
 
-use crate::dataset::circumstances::turns;
+use crate::dataset::circumstances::{ALIKE, ALIKE_IN_TIME, turns};
 use crate::dataset::data_set::{Dataset, FOLLOWS, straight_line};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::record::{Record, Role};
@@ -15,15 +15,8 @@ use std::ops::Range;
 /// A way crosses at least this share of the drive's range. An amplifier that saturates, or play, holds the
 /// readings over less.
 const CROSSES: f64 = 0.5;
-/// Readings that stay within this share of their range do not follow: those of a stage with a hundredth of
-/// noise, in its standard deviation, would span more.
-const STAYS_WITHIN: f64 = 0.05;
-/// Those that cover this share of it do.
+/// Readings that cover this share of their range follow a way, those that stay within [`ALIKE`] do not.
 const COVERS: f64 = 0.3;
-/// A way of this many times another's duration, or less, is as fast.
-const AS_FAST: f64 = 1.25;
-/// A target is lost so often at most in a record. More parts are what a stage does.
-const PARTS_MAX: usize = 2;
 
 /// Examines every driven record.
 pub(super) fn check(dataset: &Dataset) -> Vec<Issue> {
@@ -36,7 +29,7 @@ fn of_record(record: &Record) -> Option<Issue> {
     let window = &record.window;
     let inside = |part: Range<usize>| part.start.max(window.start)..part.end.min(window.end);
     let parts = lost_parts(&record.drive_v, &record.displacement_um);
-    if parts.is_empty() || parts.len() > PARTS_MAX {
+    if parts.is_empty() {
         return None;
     }
     let mut elsewhere = record.clone();
@@ -73,13 +66,13 @@ fn lost_parts(drive_v: &[f64], reading_um: &[f64]) -> Vec<Range<usize>> {
     let covers = |way: &Range<usize>| peak_to_peak(&reading_um[way.clone()]) / range_um;
     let followed: Vec<&Range<usize>> = ways.iter().filter(|w| covers(w) > COVERS).collect();
     let would_be_followed = |way: &Range<usize>| {
-        let longest = AS_FAST * way.len() as f64;
+        let longest = ALIKE_IN_TIME * way.len() as f64;
         followed.iter().any(|other| other.len() as f64 <= longest)
     };
     let mut lost: Vec<Range<usize>> = Vec::new();
     for way in &ways {
-        if covers(way) < STAYS_WITHIN && would_be_followed(way) {
-            let part = as_far_as_it_stays(way, reading_um, STAYS_WITHIN * range_um);
+        if covers(way) < ALIKE && would_be_followed(way) {
+            let part = as_far_as_it_stays(way, reading_um, ALIKE * range_um);
             match lost.last_mut() {
                 Some(last) if last.end >= part.start => last.end = last.end.max(part.end),
                 _ => lost.push(part),
