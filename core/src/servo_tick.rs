@@ -595,6 +595,13 @@ impl ServoTick {
         };
     }
 
+    /// The code that acts, and the lowest and the highest one.
+    #[must_use]
+    pub fn code_in_range(&self) -> [DriveCode; 3] {
+        let c = &self.parameters.converters;
+        [self.code, c.dac_code_min, c.dac_code_max]
+    }
+
     /// Position at the last tick as the converter gave it, without the filter of the sensor.
     #[must_use]
     pub fn sensed(&self) -> Micrometres {

@@ -9,8 +9,8 @@
 //! | phase | what happens | ends |
 //! |---|---|---|
 //! | slow flank, fast flank | one tooth towards the target | another tooth while the target is beyond [`SteppingParameters::reach`] |
-//! | settling | the drive rests | after [`SteppingParameters::settle_ticks`] |
-//! | fine | the law brings the slider to the target, from where both stand | a law that stays at a limit of the drive asks for one more tooth, which moves the drive to its other end |
+//! | settling | the drive rests | after [`SteppingParameters::settle_ticks`]; what is left of the drive towards the target decides between the law and a tooth, which moves the drive to its other end |
+//! | fine | the law brings the slider to the target, from where both stand | a law that stays at a limit of the drive asks for one more tooth |
 //! | holding | the drive rests; with a velocity, teeth follow the moving target | where the target stands still |
 //!
 //! The amplifier closes and opens it as any loop: the servo, the guard and the limits are those of
@@ -342,18 +342,30 @@ impl Stepper {
                 self.waited = self.waited.saturating_add(1);
                 if self.waited < self.parameters.settle_ticks {
                     Ok(code)
-                } else if self.error().unsigned_abs()
-                    > self.parameters.reach.to_bits().unsigned_abs()
-                {
-                    Ok(self.begin_tooth(code, parts.servo))
-                } else {
+                } else if self.reaches(parts.servo.code_in_range()) {
                     self.begin_fine(parts);
                     Ok(code)
+                } else {
+                    Ok(self.begin_tooth(code, parts.servo))
                 }
             }
             Phase::SlowFlank | Phase::FastFlank => self.step_flank(parts.servo),
             Phase::Fine => self.step_fine(reading, parts),
         }
+    }
+
+    /// Whether the law can go to the target with what is left of the drive in that direction: from an end of
+    /// the teeth to the far end of the drive it goes as far as the reach.
+    fn reaches(&self, [code, lowest, highest]: [DriveCode; 3]) -> bool {
+        let error = self.error();
+        let left = if error >= 0 {
+            highest.abs_diff(code)
+        } else {
+            code.abs_diff(lowest)
+        };
+        let whole = highest.abs_diff(self.parameters.low);
+        let reach = self.parameters.reach.to_bits().unsigned_abs();
+        u64::from(error.unsigned_abs()) * u64::from(whole) <= u64::from(reach) * u64::from(left)
     }
 
     fn is_near_end(&self) -> bool {
@@ -745,6 +757,30 @@ mod tests {
                 assert_eq!(stepper.counters().saturated_values, 0);
             }
         }
+    }
+
+    /// From the lower end of the drive, down: the law is not left to wait at its limit.
+    #[test]
+    fn a_tooth_comes_first_where_no_drive_is_left_towards_the_target() {
+        let lowest = block(stepping()).servo.converters.dac_code_min;
+        let (mut amplifier, mut rig) = drive(SteppingParameters {
+            low: lowest,
+            ..stepping()
+        });
+        assert_eq!(rig.code, lowest);
+        go(&mut amplifier, -3.0, 0.0).unwrap();
+        let mut fine_from = None;
+        for tick in 0..2000 {
+            let code = run(&mut amplifier, &mut rig, 1)[0];
+            let stepper = stepper(&amplifier);
+            if stepper.phase() == Phase::Fine {
+                fine_from = fine_from.or(Some((tick, stepper.counters().teeth)));
+                assert_ne!(code, lowest, "{tick}");
+            }
+        }
+        let (tick, teeth) = fine_from.unwrap();
+        assert!(tick < 300 && teeth == 1, "{tick} {teeth}");
+        assert!(stepper(&amplifier).has_arrived(), "{}", rig.slider_um);
     }
 
     #[test]

@@ -89,7 +89,8 @@ fn scanning_gain(model: &StickSlipActuator, design: &SteppingDesign) -> f64 {
 impl PublishedStepping {
     /// With the gains that bring the nominal rig of chapter 3 to 100 um soonest, and teeth between these ends.
     #[must_use]
-    pub fn tuned(model: &StickSlipActuator, design: &SteppingDesign, ends_v: [f64; 2]) -> Self {
+    pub fn tuned(model: &StickSlipActuator, design: &SteppingDesign) -> Self {
+        let ends_v = design.tooth.ends_v;
         let height_v = ends_v[1] - ends_v[0];
         let period_s = design.order.front_end.period_s();
         let slew_v_s = design.order.front_end.slew_v_s;

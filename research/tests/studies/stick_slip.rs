@@ -43,7 +43,7 @@ fn a_velocity_is_kept_on_rigs_of_other_equations() {
 #[test]
 fn the_published_controller_reaches_a_tenth_of_a_millimetre() {
     let design = thesis_design().unwrap();
-    let published = PublishedStepping::tuned(&thesis_rig(), &design, [0.0, 100.0]);
+    let published = PublishedStepping::tuned(&thesis_rig(), &design);
     for factors in [RigFactors::FIVE[1], RigFactors::FIVE[3]] {
         let figures = published.closed_move(Equations::Lugre, factors, 100.0, 2.0);
         assert!(figures.arrived_s.is_some(), "{figures:?}");

@@ -1,9 +1,9 @@
 //! The design of a stepping drive: teeth that a model of the rig bears, and a law for fine motion.
 //!
 //! # How it works
-//! The teeth leave a tenth of the drive's range free at both ends, for fine motion on either side of where the
-//! last tooth ends. The fast flank is as fast as the amplifier allows. Every rate and curvature of the slow
-//! flank in [`RATES_S`] and [`CURVATURES`] is simulated on the model; the fastest slider wins.
+//! The teeth take the whole range of the drive. A slider that went too far asks for a tooth back, which takes
+//! the drive to its other end. The fast flank is as fast as the amplifier allows. Every rate and curvature of
+//! the slow flank in [`RATES_S`] and [`CURVATURES`] is simulated on the model; the fastest slider wins.
 //!
 //! In fine motion the slider sticks, and its contact passes on the platform's motion up to its own frequency.
 //! So the law is that of the platform: its hysteresis inverted, its mode in the observer, and all else an
@@ -30,13 +30,11 @@ use nalgebra::{DMatrix, DVector};
 pub const RATES_S: [f64; 8] = [0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024];
 /// Curvatures of it that are tried.
 pub const CURVATURES: [f64; 3] = [0.0, 0.5, 1.0];
-/// Share of the drive's range that the teeth leave free at each end.
-const FREE_SHARE: f64 = 0.1;
 /// Teeth of which the last two thirds are counted.
 pub(super) const TEETH: usize = 15;
-/// Reach of fine motion over the largest displacement of the platform in a tooth: a slider that is fast at the
-/// end of its slow flank goes a little further than the platform.
-const REACH_OVER_STROKE: f64 = 1.05;
+/// Reach of fine motion over the way of the platform between the ends of the drive: the rest is for a platform
+/// that goes less far than the model.
+const REACH_SHARE: f64 = 0.93;
 /// Highest frequency of fine motion, Hz.
 const FINE_HZ: f64 = 20.0;
 /// A slider without the contact's mode follows the platform to this share, which the law takes as unknown.
@@ -146,8 +144,7 @@ impl SteppingDesign {
         order: &SteppingOrder,
     ) -> std::result::Result<Self, String> {
         let period_s = order.front_end.period_s();
-        let range_v = rig.drive_range_v;
-        let ends_v = [FREE_SHARE * range_v, (1.0 - FREE_SHARE) * range_v];
+        let ends_v = [0.0, rig.drive_range_v];
         let fast_s = (ends_v[1] - ends_v[0]) / order.front_end.slew_v_s;
         let tried = RATES_S.iter().flat_map(|slow_s| {
             CURVATURES.iter().map(move |curvature| Tooth {
@@ -178,7 +175,7 @@ impl SteppingDesign {
         Ok(Self {
             order: order.clone(),
             tooth,
-            reach_um: REACH_OVER_STROKE * stroke_um,
+            reach_um: REACH_SHARE * stroke_um,
             fine,
         })
     }
