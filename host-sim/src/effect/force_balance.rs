@@ -38,6 +38,14 @@ const PIECE_RAD: f64 = 0.5;
 /// Angle of the mode in one interval beyond which its ringing is not followed: it is above half the sampling
 /// rate, so that no reading shows it. There the forces balance and the mode comes behind.
 const RINGING_MAX_RAD: f64 = std::f64::consts::PI;
+/// Pieces in an interval of a model whose mass works against forces, as long as the mode is not stiffer; one
+/// in a model without inertia.
+#[must_use]
+pub fn pieces_in(model: &Model, dt_s: f64) -> u64 {
+    let rad = model.values(id::VIBRATION).map_or(0.0, |v| v[0] * dt_s);
+    (rad.min(RINGING_MAX_RAD) / PIECE_RAD).ceil().max(1.0) as u64
+}
+
 /// How often the pieces are halved where the mode is stiffer.
 const HALVINGS_MAX: usize = 5;
 

@@ -202,8 +202,7 @@ fn parts(dataset: &Dataset, records: &[usize]) -> Vec<Range<usize>> {
     for record in records.iter().map(|i| &dataset.records[*i]) {
         // Long stretches that are left out are other parts; short ones are a sensor's limit.
         let long = record
-            .left_out
-            .iter()
+            .left_out_in_window()
             .filter(|range| range.len() >= PART_MIN);
         let mut start = record.window.start;
         for gap in long {

@@ -96,7 +96,7 @@ pub struct Record {
     pub initial_state: InitialState,
     /// Samples that count.
     pub window: Range<usize>,
-    /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's
+    /// Samples that do not, in front of the window and behind it too: their readings say nothing of the displacement, because the sensor's
     /// range ends there (checks find them), or they belong to another record of the same tape.
     /// Ascending.
     pub left_out: Vec<Range<usize>>,
@@ -215,6 +215,15 @@ impl Record {
                 }
                 out
             });
+    }
+
+    /// What is left out inside the window.
+    pub fn left_out_in_window(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        let Range { start, end } = self.window;
+        self.left_out
+            .iter()
+            .map(move |range| range.start.max(start)..range.end.min(end))
+            .filter(|range| !range.is_empty())
     }
 
     /// Whether the reading of a sample inside the window says something of the displacement.

@@ -83,7 +83,8 @@ fn without_rest_before(record: &mut Record) {
     record
         .left_out
         .iter_mut()
-        .for_each(|range| *range = range.start - cut..range.end - cut);
+        .for_each(|range| *range = range.start.saturating_sub(cut)..range.end.saturating_sub(cut));
+    record.left_out.retain(|range| !range.is_empty());
     record.periods = None;
 }
 
@@ -129,10 +130,10 @@ const BETWEEN_PARTS: f64 = 0.02;
 
 /// The parts of a tape that count: what is between long stretches that do not.
 fn parts_of(record: &Record) -> Vec<std::ops::Range<usize>> {
-    let long = |range: &&std::ops::Range<usize>| {
+    let long = |range: &std::ops::Range<usize>| {
         range.len() as f64 > BETWEEN_PARTS * record.window.len() as f64
     };
-    let gaps: Vec<_> = record.left_out.iter().filter(long).collect();
+    let gaps: Vec<_> = record.left_out_in_window().filter(long).collect();
     let starts = std::iter::once(record.window.start).chain(gaps.iter().map(|gap| gap.end));
     let ends = gaps.iter().map(|gap| gap.start).chain([record.window.end]);
     starts
@@ -145,6 +146,7 @@ fn parts_of(record: &Record) -> Vec<std::ops::Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identification::linearisation::fill_left_out;
 
     fn record(initial_state: InitialState) -> Record {
         let drive: Vec<f64> = (0..5000_usize)
@@ -167,6 +169,21 @@ mod tests {
         );
         data.records[0].initial_state = InitialState::Virgin;
         assert_eq!(for_search(&data, usize::MAX).records[0].window, 1900..5000);
+    }
+
+    /// A spike long before the window, another one at its beginning.
+    #[test]
+    fn spikes_in_front_of_a_window_go_with_the_rest_there() {
+        let mut spoilt = record(InitialState::Unknown);
+        spoilt.leave_out([100..101, 1895..1902]);
+        let data = Dataset::new("d", 0.0, 5.0, vec![spoilt]).unwrap();
+        let cut = &for_search(&data, usize::MAX).records[0];
+        let start = cut.window.start;
+        assert_eq!(cut.left_out, vec![start - 5..start + 2]);
+        assert_eq!(parts_of(cut), vec![cut.window.clone()]);
+        let mut values = vec![1.0; cut.window.len()];
+        fill_left_out(cut, &mut values, 0.0);
+        assert_eq!(values.iter().filter(|v| **v == 0.0).count(), 2);
     }
 
     #[test]

@@ -258,7 +258,7 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
             .iter()
             .map(|k| record.displacement_um[k] - reading_um[k]),
     );
-    if record.left_out.is_empty() {
+    if record.left_out_in_window().next().is_none() {
         project_out_of(
             &OwnBasis::of(OwnMotions::of(model, record), record, &every, None).orthonormal,
             &mut left,
@@ -277,7 +277,7 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
 /// Puts a value where the readings of a record's window say nothing: zero for spectra, which need even steps,
 /// no number for a gap.
 pub fn fill_left_out(record: &Record, in_window: &mut [f64], value: f64) {
-    for range in &record.left_out {
+    for range in record.left_out_in_window() {
         in_window[range.start - record.window.start..range.end - record.window.start].fill(value);
     }
 }

@@ -26,7 +26,7 @@ impl Samples {
     /// All samples of a record's window whose readings say something.
     #[must_use]
     pub fn counted(record: &Record) -> Self {
-        if record.left_out.is_empty() {
+        if record.left_out_in_window().next().is_none() {
             Self::Every(record.window.clone())
         } else {
             Self::Some(record.counted().collect())

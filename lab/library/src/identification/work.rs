@@ -3,6 +3,7 @@
 
 use crate::dataset::Record;
 use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::force_balance::pieces_in;
 use hysteron_sim::effect::{Effect, Place};
 use hysteron_sim::variations::Variation;
 use std::fmt::Write as _;
@@ -111,20 +112,15 @@ impl Work {
 
     /// A simulation of a model along records.
     pub fn simulated<'r>(&self, model: &Model, records: impl IntoIterator<Item = &'r Record>) {
-        let weight = weight_from(model, None);
-        self.add(
-            records
-                .into_iter()
-                .map(|r| weight * samples(model, r))
-                .sum(),
-        );
+        let steps = |record: &Record| weight_from(model, None, record) * samples(model, record);
+        self.add(records.into_iter().map(steps).sum());
     }
 
     /// Variations of a model along a record, each from the first stage that differs.
     pub fn varied(&self, variations: &[Variation], record: &Record) {
         let steps = variations.iter().map(|v| {
             let place = v.model.effect(&v.differs).map(|e| place_of(&*e.effect));
-            weight_from(&v.model, place) * samples(&v.model, record)
+            weight_from(&v.model, place, record) * samples(&v.model, record)
         });
         self.add(steps.sum());
     }
@@ -183,8 +179,10 @@ const BALANCED: u64 = 5;
 /// Parameters that a stage takes in a step: a stage of many is one of many plays, terms or coefficients.
 const PARAMETERS_IN_A_STEP: u64 = 4;
 
-/// What a step of the stages from a place on weighs; without a place, of all.
-fn weight_from(model: &Model, place: Option<Place>) -> u64 {
+/// What a step of the stages from a place on weighs along a record; without a place, of all.
+fn weight_from(model: &Model, place: Option<Place>, record: &Record) -> u64 {
+    let drive = record.drive();
+    let pieces = pieces_in(model, drive.dt_s / model.substeps_for(&drive) as f64);
     let weight = |e: &EffectInstance| match (place_of(&*e.effect), place) {
         // The stage of the mode takes it in.
         (Place::Friction, Some(from)) if from > Place::Vibration => 0,
@@ -194,7 +192,13 @@ fn weight_from(model: &Model, place: Option<Place>) -> u64 {
                 Place::Friction => BALANCED,
                 _ => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
             };
-            e.effect.declaration().lasts_steps.unwrap_or_else(by_place)
+            let each = e.effect.declaration().lasts_steps.unwrap_or_else(by_place);
+            // The mass is followed in pieces of an interval.
+            if at == Place::Friction {
+                pieces * each
+            } else {
+                each
+            }
         }
     };
     model.effects.iter().map(weight).sum::<u64>().max(1)
