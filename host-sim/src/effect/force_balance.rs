@@ -43,7 +43,12 @@ const RINGING_MAX_RAD: f64 = std::f64::consts::PI;
 #[must_use]
 pub fn pieces_in(model: &Model, dt_s: f64) -> u64 {
     let rad = model.values(id::VIBRATION).map_or(0.0, |v| v[0] * dt_s);
-    (rad.min(RINGING_MAX_RAD) / PIECE_RAD).ceil().max(1.0) as u64
+    // A drive that arrives late steps within the interval.
+    let parts = 1.0 + f64::from(super::delay::taken_in_s(model).is_some());
+    let pieces = (rad.min(RINGING_MAX_RAD) / parts / PIECE_RAD)
+        .ceil()
+        .max(1.0);
+    (parts * pieces) as u64
 }
 
 /// How often the pieces are halved where the mode is stiffer.

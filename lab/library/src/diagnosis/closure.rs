@@ -8,7 +8,6 @@ use super::screening::{CandidateScore, Screening};
 use super::selection::select;
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
-use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use std::collections::BTreeSet;
@@ -87,7 +86,7 @@ fn moves_in(entry: &Entry, model: &Model, by: Option<&str>) -> Vec<Move> {
 /// The model without each of the added effects.
 fn drop_each(study: &Study, entry: &Entry) -> Vec<Dropped> {
     let leaving = entry.added();
-    parallel::map(&leaving, |id| {
+    study.while_it_lasts(&leaving, |id| {
         let quick = study.quickly_within(
             &study.without(&entry.judged.model, id),
             entry.merit,
@@ -120,7 +119,7 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
         .chain(study.finer_plays(model))
         .chain(study.finer_creep(model))
         .collect();
-    let fitted = parallel::map(&finer, |begin| {
+    let fitted = study.while_it_lasts(&finer, |begin| {
         study.quickly_within(begin, without.merit, FAR_BEHIND)
     });
     fitted
@@ -132,7 +131,7 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
 /// Others that do much the same in the place of each effect. Where held-out records are not met, what loops
 /// take in of a lag shows there only, and others are compared on all records.
 fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Vec<Entry>> {
-    let screenings = parallel::map(dropped, |d| {
+    let screenings = study.while_it_lasts(dropped, |d| {
         let model = &d.entry.judged.model;
         let candidates = study.candidates_for(model);
         if study.far_above_the_noise(&d.entry.judged) && study.fails_held_out(&d.entry.judged) {
@@ -150,7 +149,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
             .filter(|s| entry.judged.model.effect(&s.id).is_none());
         trials.extend(others.take(study.policy.rivals).map(|s| (d, s)));
     }
-    let fitted = parallel::map(&trials, |(d, score)| {
+    let fitted = study.while_it_lasts(&trials, |(d, score)| {
         let judged = in_its_place(study, entry, d, score);
         Entry::new(
             study,
@@ -210,10 +209,10 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
         .enumerate()
         .flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b]))
         .collect();
-    let without = parallel::map(&pairs, |[a, b]| {
+    let without = study.while_it_lasts(&pairs, |[a, b]| {
         study.quickly(&study.without(&study.without(&entry.judged.model, a), b))
     });
-    let scored = parallel::map(&without, |judged| {
+    let scored = study.while_it_lasts(&without, |judged| {
         study.score_each(&judged.model, &study.candidates_for(&judged.model))
     });
     let mut promising: Vec<(f64, &Judged, CandidateScore)> = Vec::new();
@@ -231,7 +230,7 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     }
     promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.2.id.cmp(&b.2.id)));
     promising.truncate(study.policy.rivals);
-    let fitted = parallel::map(&promising, |(_, judged, score)| {
+    let fitted = study.while_it_lasts(&promising, |(_, judged, score)| {
         let begin = study.with(
             &judged.model,
             &[(score.effect.clone(), score.starts[0].clone())],

@@ -4,7 +4,7 @@
 use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
-use crate::identification::fit::{Fit, dot, rms};
+use crate::identification::fit::{Fit, dot};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron_sim::chain::{Drive, Model};
@@ -80,12 +80,7 @@ impl Judged {
         explained: f64,
         dataset: &Dataset,
     ) -> Option<NoiseFloor> {
-        let left_um: Vec<Option<f64>> = self
-            .residuals
-            .iter()
-            .map(|r| (!r.is_empty()).then(|| rms(r)))
-            .collect();
-        floor.beside(&self.model, &left_um, explained, dataset)
+        floor.beside(&self.model, &self.residuals, explained, dataset)
     }
 
     /// Fitted and held-out error are each below `times` the noise floor of their records; never where a

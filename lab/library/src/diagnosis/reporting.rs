@@ -144,7 +144,10 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         });
         ids
     };
-    let so_far: Vec<String> = if no_names && findings.is_empty() && open.is_empty() {
+    // What was not searched to its end is ahead as a whole, the alternatives to it unweighed.
+    let so_far: Vec<String> = if no_names
+        && (found.stopped || found.out_of_time || findings.is_empty() && open.is_empty())
+    {
         new(found.last)
     } else {
         let names = findings.iter().filter(|_| no_names).chain(&open);

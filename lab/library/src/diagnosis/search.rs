@@ -48,9 +48,6 @@ pub struct Search<'s, 'a> {
     pub untested: bool,
 }
 
-/// Models that are fitted between two looks at the budget: enough for the cores of a desk.
-const AT_ONCE: usize = 4;
-
 /// A model that is worth fitting.
 struct Proposal {
     key: String,
@@ -232,16 +229,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Fits proposals, the most promising of each kind first, until the budget ends.
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        for portion in proposals.chunks(AT_ONCE) {
-            if self.study.budget.is_over() {
-                return;
-            }
-            self.fit_portion(portion);
-        }
-    }
-
-    fn fit_portion(&mut self, proposals: &[Proposal]) {
-        let fitted = parallel::map(proposals, |p| {
+        let fitted = self.study.while_it_lasts(&proposals, |p| {
             self.study.quickly_beside(&p.begin, &p.begun, p.of)
         });
         for (proposal, judged) in proposals.iter().zip(fitted) {

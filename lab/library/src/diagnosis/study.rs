@@ -67,6 +67,8 @@ pub struct Study<'a> {
     pub all: Rows,
 }
 
+/// Models that are fitted between two looks at the budget: enough for the cores of a desk.
+const AT_ONCE: usize = 4;
 /// How far a fit goes to see whether a set of effects can compete.
 const QUICK: Effort = Effort {
     iterations: 6,
@@ -426,7 +428,7 @@ impl<'a> Study<'a> {
             FALLS_FAST
         };
         let goes_on = |progress: &FitProgress| {
-            if self.budget.time_is_over() {
+            if self.budget.ends_fit(progress) {
                 return false;
             }
             if progress.fell > fast {
@@ -466,7 +468,7 @@ impl<'a> Study<'a> {
             &self.searched,
             &self.quick,
             effort,
-            |_| !self.budget.time_is_over(),
+            |progress| !self.budget.ends_fit(progress),
         ))
     }
 
@@ -490,14 +492,27 @@ impl<'a> Study<'a> {
             Effort::default()
         };
         judge_fit(
-            fit_while(model, self.dataset, &self.thorough, effort, |_| {
-                !self.budget.time_is_over()
+            fit_while(model, self.dataset, &self.thorough, effort, |progress| {
+                !self.budget.ends_fit(progress)
             }),
             &self.thorough,
             self.dataset,
             &self.split,
             &self.all,
         )
+    }
+
+    /// What `f` makes of items, a few at once, until the budget ends.
+    pub fn while_it_lasts<T: Sync, R: Send + Sync>(
+        &self,
+        items: &[T],
+        f: impl Fn(&T) -> R + Sync + Send,
+    ) -> Vec<R> {
+        items
+            .chunks(AT_ONCE)
+            .take_while(|_| !self.budget.is_over())
+            .flat_map(|few| crate::parallel::map(few, &f))
+            .collect()
     }
 
     /// Judges a model as it is on all samples.

@@ -473,7 +473,10 @@ impl<'a> Said<'a> {
         if self.diagnosis.so_far.is_empty() {
             return String::new();
         }
-        format!(" Ahead so far: {}.", list(&self.diagnosis.so_far, "and"))
+        format!(
+            " The best model so far has {}.",
+            list(&self.diagnosis.so_far, "and")
+        )
     }
 
     fn coarse_readings(&self) -> String {

@@ -82,6 +82,8 @@ struct Counts {
 pub struct Work {
     counts: Arc<Counts>,
     purpose: Purpose,
+    /// Of one fit alone.
+    of_fit: Arc<AtomicU64>,
 }
 
 impl Work {
@@ -92,6 +94,21 @@ impl Work {
             purpose,
             ..self.clone()
         }
+    }
+
+    /// The same count at the beginning of a fit.
+    #[must_use]
+    pub fn of_a_fit(&self) -> Self {
+        Self {
+            of_fit: Arc::default(),
+            ..self.clone()
+        }
+    }
+
+    /// Steps since the fit began.
+    #[must_use]
+    pub fn steps_of_fit(&self) -> u64 {
+        self.of_fit.load(Ordering::Relaxed)
     }
 
     /// From now on steps are of this stage.
@@ -108,6 +125,7 @@ impl Work {
     fn add(&self, steps: u64) {
         self.counts.steps[self.stage() as usize][self.purpose as usize]
             .fetch_add(steps, Ordering::Relaxed);
+        self.of_fit.fetch_add(steps, Ordering::Relaxed);
     }
 
     /// A simulation of a model along records.
@@ -119,15 +137,19 @@ impl Work {
     /// Variations of a model along a record, each from the first stage that differs.
     pub fn varied(&self, variations: &[Variation], record: &Record) {
         let steps = variations.iter().map(|v| {
-            let place = v.model.effect(&v.differs).map(|e| place_of(&*e.effect));
+            let place = v.model.effect(&v.differs).map(|e| acts_at(&v.model, e));
             weight_from(&v.model, place, record) * samples(&v.model, record)
         });
         self.add(steps.sum());
     }
 
-    /// What each of so many coefficients adds to the reading of a model along a record.
+    /// What each of so many coefficients adds to the reading of a model along a record: forces on the mass are
+    /// tried with each.
     pub fn by_coefficient(&self, model: &Model, record: &Record, coefficients: usize) {
-        self.add(coefficients as u64 * samples(model, record));
+        let forces = |e: &&EffectInstance| place_of(&*e.effect) == Place::Friction;
+        let weight = weight_of(model, record);
+        let tried: u64 = model.effects.iter().filter(forces).map(weight).sum();
+        self.add(coefficients as u64 * (1 + tried) * samples(model, record));
     }
 
     /// Steps so far.
@@ -173,35 +195,45 @@ fn place_of(effect: &dyn Effect) -> Place {
     effect.declaration().place
 }
 
+/// Where an effect acts in a model: another stage may take it in.
+fn acts_at(model: &Model, effect: &EffectInstance) -> Place {
+    let taken_in_by = effect.effect.declaration().modifies;
+    let stage = taken_in_by.and_then(|id| model.effect(id));
+    place_of(&*stage.unwrap_or(effect).effect)
+}
+
 /// A force that holds the mass back is balanced in several trials of each interval, which take so many times
 /// as long as a step of another stage (`perf report` of `hysteron explain examples/hidden_effect`).
 const BALANCED: u64 = 5;
 /// Parameters that a stage takes in a step: a stage of many is one of many plays, terms or coefficients.
 const PARAMETERS_IN_A_STEP: u64 = 4;
 
-/// What a step of the stages from a place on weighs along a record; without a place, of all.
-fn weight_from(model: &Model, place: Option<Place>, record: &Record) -> u64 {
+/// What a step of an effect of a model weighs along a record.
+fn weight_of(model: &Model, record: &Record) -> impl Fn(&EffectInstance) -> u64 {
     let drive = record.drive();
     let pieces = pieces_in(model, drive.dt_s / model.substeps_for(&drive) as f64);
-    let weight = |e: &EffectInstance| match (place_of(&*e.effect), place) {
-        // The stage of the mode takes it in.
-        (Place::Friction, Some(from)) if from > Place::Vibration => 0,
-        (at, Some(from)) if at < from && at != Place::Friction => 0,
-        (at, _) => {
-            let by_place = || match at {
-                Place::Friction => BALANCED,
-                _ => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
-            };
-            let each = e.effect.declaration().lasts_steps.unwrap_or_else(by_place);
+    move |e| {
+        let lasts_steps = e.effect.declaration().lasts_steps;
+        match place_of(&*e.effect) {
             // The mass is followed in pieces of an interval.
-            if at == Place::Friction {
-                pieces * each
-            } else {
-                each
-            }
+            Place::Friction => pieces * lasts_steps.unwrap_or(BALANCED),
+            _ => lasts_steps
+                .unwrap_or_else(|| (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP)),
         }
+    }
+}
+
+/// What a step of the stages from a place on weighs along a record; without a place, of all.
+fn weight_from(model: &Model, place: Option<Place>, record: &Record) -> u64 {
+    let weight = weight_of(model, record);
+    let passed = |e: &&EffectInstance| match (place_of(&*e.effect), place) {
+        (_, None) => true,
+        // The stage of the mode takes it in.
+        (Place::Friction, Some(from)) => from <= Place::Vibration,
+        (at, Some(from)) => at >= from,
     };
-    model.effects.iter().map(weight).sum::<u64>().max(1)
+    let effects = model.effects.iter().filter(passed);
+    effects.map(weight).sum::<u64>().max(1)
 }
 
 #[cfg(test)]
@@ -234,6 +266,7 @@ mod tests {
         };
         let [whole, mode, sensor] = [None, Some("vibration"), Some("sensor_bandwidth")].map(steps);
         assert_eq!(steps(Some("gain")), whole);
-        assert_eq!([3 * mode, 3 * sensor], [2 * whole, whole]);
+        // The mode takes the sensor's lag in.
+        assert_eq!([3 * mode, 3 * sensor], [2 * whole, 2 * whole]);
     }
 }
