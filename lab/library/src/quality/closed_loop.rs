@@ -67,9 +67,9 @@ fn followed(
     near_the_noise: f64,
 ) -> Vec<Issue> {
     let of_the_noise = |record: &Record, left: &[f64]| {
-        !floor
-            .read_back
-            .is_some_and(|r| r.response_um(&judged.model, record) > MADE_BY_THE_COLUMN * rms(left))
+        !floor.read_back.is_some_and(|r| {
+            rms(&r.response_um(&judged.model, record)) > MADE_BY_THE_COLUMN * rms(left)
+        })
     };
     let each = dataset
         .records

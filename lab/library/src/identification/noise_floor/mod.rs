@@ -29,6 +29,7 @@ pub use read_back::{DriveNoiseEvidence, ReadBack};
 
 use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise};
 use crate::dataset::{Dataset, Record, Role};
+use crate::identification::fit::rms;
 use crate::parallel;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::LinesAtRest;
@@ -92,7 +93,7 @@ impl NoiseFloor {
         over_judging(dataset, &self.of_readings_um)
     }
 
-    /// The floor beside a model that leaves these errors of the records, um: what the noise of the drive's
+    /// The floor beside a model that leaves these residuals, um, empty for a record that does not judge: what the noise of the drive's
     /// column makes in the readings of this model is part of it. `None` where the drive stands in its column
     /// as it was commanded, or nothing speaks for noise that nobody saw.
     ///
@@ -101,29 +102,36 @@ impl NoiseFloor {
     pub fn beside(
         &self,
         model: &Model,
-        left_um: &[Option<f64>],
+        residuals_um: &[Vec<f64>],
         explained: f64,
         dataset: &Dataset,
     ) -> Option<Self> {
         let read_back = self.read_back?;
-        let made_um: Vec<f64> = parallel::map(&dataset.records, |record| {
+        let made_in_um: Vec<Vec<f64>> = parallel::map(&dataset.records, |record| {
             if record.role == Role::Noise {
-                0.0
+                Vec::new()
             } else {
                 read_back.response_um(model, record)
             }
         });
+        let rms_of = |of_records: &[Vec<f64>]| -> Vec<Option<f64>> {
+            let of_one = |values: &Vec<f64>| (!values.is_empty()).then(|| rms(values));
+            of_records.iter().map(of_one).collect()
+        };
+        let made_um = rms_of(&made_in_um);
         let judged = |um: &[Option<f64>]| over_judging(dataset, um);
-        let made: Vec<Option<f64>> = made_um.iter().copied().map(Some).collect();
         let (left, made, readings) = (
-            judged(left_um)?,
-            judged(&made)?,
+            judged(&rms_of(residuals_um))?,
+            judged(&made_um)?,
             judged(&self.of_readings_um),
         );
         let more_than_made = left > LEAVES_WHAT_IT_MAKES * made;
         let speaks_for_it = || {
-            readings
-                .is_some_and(|readings| made > readings && left < explained * made.hypot(readings))
+            readings.is_some_and(|readings| {
+                made > readings
+                    && left < explained * made.hypot(readings)
+                    && read_back::has_spectrum_of(&made_in_um, residuals_um, readings)
+            })
         };
         let counts = match read_back.known {
             // What the stage followed as well is no noise of the column.
@@ -145,11 +153,13 @@ impl NoiseFloor {
             }
             DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } => return None,
         };
-        Some(self.with_drive_noise(
-            dataset,
-            read_back,
-            |i| if counts { made_um[i] } else { 0.0 },
-        ))
+        Some(self.with_drive_noise(dataset, read_back, |i| {
+            if counts {
+                made_um[i].unwrap_or(0.0)
+            } else {
+                0.0
+            }
+        }))
     }
 
     /// The floor where the noise of the drive's column makes so much of each record, um.

@@ -10,10 +10,9 @@
 //! converter that read it or of one that made it: then the readings decide. A model that leaves what the
 //! noise would make had no better drive to follow.
 
-use super::{high_band, rest};
+use super::{high_band, periodogram, rest};
 use crate::dataset::reading_grid::{LEVELS_MIN, rounding_noise, step_of};
 use crate::dataset::{Dataset, Record, Role};
-use crate::identification::fit::rms;
 use hysteron_sim::chain::Model;
 use hysteron_sim::noise::WhiteNoise;
 
@@ -110,9 +109,9 @@ impl ReadBack {
         }
     }
 
-    /// RMS of what the noise makes in the readings of a model, um.
+    /// What the noise makes in the readings of a model, um: at the first samples of the window.
     #[must_use]
-    pub fn response_um(&self, model: &Model, record: &Record) -> f64 {
+    pub fn response_um(&self, model: &Model, record: &Record) -> Vec<f64> {
         let end = record.window.end.min(record.window.start + SAMPLES_WALKED);
         let mut noise = WhiteNoise::new(self.noise_v, SEED);
         let read_v: Vec<f64> = record.drive_v[..end].to_vec();
@@ -130,11 +129,43 @@ impl ReadBack {
             model.simulate(&drive)
         };
         let (read, again) = (simulate(&read_v), simulate(&again_v));
-        let difference: Vec<f64> = (record.window.start..end)
+        (record.window.start..end)
             .map(|k| again[k] - read[k])
-            .collect();
-        rms(&difference)
+            .collect()
     }
+}
+
+/// What is left may have so many times the power of noise in each of the bands that hold a quarter of it. Noise
+/// has once; what is slower or faster than the noise has four times in the first band or the last one.
+const OF_A_QUARTER: f64 = 2.0;
+
+/// Whether what is left of records could be noise that was made in their readings beside white noise of the
+/// readings themselves, um RMS: not only as large, but at the same frequencies.
+pub(super) fn has_spectrum_of(
+    made_um: &[Vec<f64>],
+    left_um: &[Vec<f64>],
+    readings_um: f64,
+) -> bool {
+    let (mut left, mut noise) = ([0.0; 4], [0.0; 4]);
+    for (made, left_um) in made_um.iter().zip(left_um) {
+        let samples = made.len().min(left_um.len());
+        if samples == 0 {
+            continue;
+        }
+        let [made, of_left] = [made, left_um].map(|values| periodogram(&values[..samples]));
+        let whole: f64 = made.iter().sum();
+        let white = readings_um * readings_um * samples as f64 / made.len() as f64;
+        let mut so_far = 0.0;
+        for (of_made, of_left) in made.iter().zip(of_left) {
+            let quarter = ((4.0 * so_far / whole) as usize).min(3);
+            so_far += of_made;
+            noise[quarter] += of_made + white;
+            left[quarter] += of_left;
+        }
+    }
+    left.iter()
+        .zip(noise)
+        .all(|(left, noise)| *left < OF_A_QUARTER * noise)
 }
 
 /// What to say of steps of which nobody knows whether a converter read or made them.
@@ -170,4 +201,28 @@ fn has_levels(signal: &[f64], least: usize) -> bool {
         }
         levels.len() >= least
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise behind a slow stage; a slow motion of the same power is not that.
+    #[test]
+    fn noise_is_known_by_its_frequencies() {
+        let filtered = |seed: u64| {
+            let mut noise = WhiteNoise::new(0.01, seed);
+            let mut last = 0.0;
+            let values = (0..20_000).map(|_| {
+                last += 0.1 * (noise.next_um() - last);
+                last
+            });
+            values.collect::<Vec<f64>>()
+        };
+        let (made, again) = (filtered(1), filtered(2));
+        let power: f64 = made.iter().map(|v| v * v).sum::<f64>() / made.len() as f64;
+        let slow = (0..20_000).map(|k| (2.0 * power).sqrt() * (1e-3 * f64::from(k)).sin());
+        assert!(has_spectrum_of(&[made.clone()], &[again], 1e-4));
+        assert!(!has_spectrum_of(&[made], &[slow.collect()], 1e-4));
+    }
 }
