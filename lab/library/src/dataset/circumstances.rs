@@ -1,6 +1,6 @@
-//! Under which circumstances a stage is seen: voltage, height and duration of the way between two turns, time
-//! at a level, and the first way to a voltage. What is held out judges a model where these were fitted; beyond
-//! them it shows how the model extrapolates.
+//! Under which circumstances a stage is seen: voltage, height and duration of the way between two turns, its
+//! fastest part, time at a level, and the first way to a voltage. What is held out judges a model where these
+//! were fitted; beyond them it shows how the model extrapolates.
 
 use crate::statistics::peak_to_peak;
 use std::ops::Range;
@@ -29,6 +29,8 @@ struct Circumstance {
     height_v: f64,
     /// Duration of that way, s.
     duration_s: f64,
+    /// Samples in which it goes by [`ALIKE`] where it is fastest.
+    fastest: usize,
     /// Time for which the drive has stayed at the level, s.
     held_s: f64,
     /// The drive was never as high or as low before.
@@ -45,6 +47,7 @@ pub struct Fitted {
     first_v: (f64, f64),
     highest_v: f64,
     shortest_s: f64,
+    fastest: usize,
     held_s: f64,
 }
 
@@ -66,6 +69,7 @@ impl Circumstances {
                 level_v,
                 height_v: 0.0,
                 duration_s: f64::INFINITY,
+                fastest: usize::MAX,
                 held_s: (k - held.0) as f64 / sample_rate_hz,
                 is_first,
             });
@@ -78,9 +82,11 @@ impl Circumstances {
         ends.push(drive_v.len().saturating_sub(1));
         for way in ends.windows(2) {
             let height_v = (drive_v[way[1]] - drive_v[way[0]]).abs();
+            let fastest = fastest(&drive_v[way[0]..=way[1]], ALIKE * peak_to_peak(drive_v));
             for one in &mut out[way[0]..=way[1]] {
                 one.height_v = one.height_v.max(height_v);
                 one.duration_s = (way[1] - way[0]) as f64 / sample_rate_hz;
+                one.fastest = fastest;
             }
         }
         Self(out)
@@ -115,6 +121,7 @@ impl Circumstances {
             first_v: nothing,
             highest_v: 0.0,
             shortest_s: f64::INFINITY,
+            fastest: usize::MAX,
             held_s: 0.0,
         };
         for (all, samples) in parts {
@@ -126,6 +133,7 @@ impl Circumstances {
                 }
                 out.highest_v = out.highest_v.max(one.height_v);
                 out.shortest_s = out.shortest_s.min(one.duration_s);
+                out.fastest = out.fastest.min(one.fastest);
                 out.held_s = out.held_s.max(one.held_s);
             }
         }
@@ -145,8 +153,27 @@ impl Fitted {
             && (!one.is_first || within(self.first_v))
             && one.height_v <= self.highest_v + alike_v
             && one.duration_s * ALIKE_IN_TIME >= self.shortest_s
+            // They are known to a sample.
+            && one.fastest.saturating_add(1) as f64 * ALIKE_IN_TIME >= self.fastest as f64
             && one.held_s <= self.held_s * ALIKE_IN_TIME
     }
+}
+
+/// The fewest samples in which a drive between two turns goes by a voltage.
+fn fastest(way_v: &[f64], by_v: f64) -> usize {
+    let mut end = 0;
+    let mut out = usize::MAX;
+    for (start, from_v) in way_v.iter().enumerate() {
+        end = end.max(start);
+        while end < way_v.len() && (way_v[end] - from_v).abs() < by_v {
+            end += 1;
+        }
+        if end == way_v.len() {
+            break;
+        }
+        out = out.min(end - start);
+    }
+    out
 }
 
 /// Samples and voltages at which the drive turns and goes back by more than a voltage.
@@ -191,6 +218,15 @@ mod tests {
         assert!(!covered(&faster, 0..2000, 3000) && covered(&faster, 2000..4000, 1000));
         let held = [sine(2000, 2.0, 80.0), vec![0.0; 500], sine(500, 2.0, 80.0)].concat();
         assert!(!covered(&held, 0..2000, 2450) && covered(&held, 0..2450, 2950));
+    }
+
+    /// Steps up and down between holds as long as half a period.
+    #[test]
+    fn a_step_beside_sines_is_outside() {
+        let steps = [vec![0.0; 250], vec![80.0; 250]].concat().repeat(4);
+        let both = [sine(2000, 2.0, 80.0), steps.clone()].concat();
+        assert!(!covered(&both, 0..2000, 2251));
+        assert!(covered(&[steps.clone(), steps].concat(), 0..2000, 2251));
     }
 
     #[test]

@@ -399,13 +399,13 @@ impl Choice<'_> {
             let others: Vec<String> = candidates
                 .iter()
                 .filter(|at| **at != best)
-                .map(|at| self.column(*at).called())
+                .map(|at| self.column(*at).called_with_number())
                 .collect();
             self.notes.push(format!(
                 "{} columns may be the {}: {} is taken (correlation {:.3} with {}), not {}",
                 candidates.len(),
                 quantity.words(),
-                self.column(best).called(),
+                self.column(best).called_with_number(),
                 with(best),
                 self.column(known).called(),
                 others.join(", ")
@@ -634,12 +634,8 @@ impl Choice<'_> {
                     } else {
                         ""
                     };
-                    let from = if column.name.is_empty() {
-                        String::new()
-                    } else {
-                        format!(" (column {})", column.number)
-                    };
-                    format!("{} = {}{from}{how}{unit}", quantity.key(), column.called())
+                    let called = column.called_with_number();
+                    format!("{} = {called}{how}{unit}", quantity.key())
                 })
                 .collect();
             let by_number: Vec<String> = taken

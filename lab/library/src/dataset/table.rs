@@ -40,6 +40,16 @@ impl Column {
             _ => format!("column {}", self.number),
         }
     }
+
+    /// The same with its number, where names may repeat.
+    #[must_use]
+    pub fn called_with_number(&self) -> String {
+        if self.name.is_empty() {
+            self.called()
+        } else {
+            format!("{} (column {})", self.called(), self.number)
+        }
+    }
 }
 
 /// Columns of numbers.

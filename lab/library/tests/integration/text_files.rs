@@ -106,6 +106,19 @@ fn separators_headers_and_decimal_commas() {
         format!("t [s];u [V];y [um]\r\n{}", plain(";").replace('\n', "\r\n")),
         &[],
     );
+    let old = format!("t_s,u_v,y_um\n{}", plain(",")).replace('\n', "\r");
+    gives("a.csv", old, &[]);
+    gives(
+        "a.csv",
+        format!(
+            "t_s,u_v,u_v,y_um\n{}",
+            rows(|[t, u, y]| format!("{t:.4},{u:.6},{u:.6},{y:.6}"))
+        ),
+        &[
+            "`u [v]` (column 2) is taken",
+            "not column `u [v]` (column 3)",
+        ],
+    );
     gives("a.txt", format!("# t_s u_V y_um\n{}", plain(" ")), &[]);
     gives(
         "a.txt",

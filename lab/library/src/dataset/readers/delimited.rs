@@ -34,7 +34,11 @@ struct Form {
 /// No text, no rows of numbers, rows that are ragged or hold text or NaN: with the row, counted from 1, and
 /// the column.
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
-    let (text, assumed) = decode(place, bytes, FORMATS)?;
+    let (mut text, assumed) = decode(place, bytes, FORMATS)?;
+    if !text.contains('\n') {
+        // Ends of lines as old Macintoshes wrote them.
+        text = text.replace('\r', "\n").into();
+    }
     let lines: Vec<HeaderLine> = text
         .lines()
         .enumerate()
