@@ -187,7 +187,9 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
         0.0, 0.4, 0.1, 0.7, 0.3, 0.55, 0.2, 1.0, 0.5, 0.85, 0.4, 0.75, 0.0,
     ]
     .map(at);
-    let path_v: f64 = vertices.windows(2).map(|v| (v[1] - v[0]).abs()).sum();
+    let legs_v: Vec<f64> = vertices.windows(2).map(|v| (v[1] - v[0]).abs()).collect();
+    let path_v: f64 = legs_v.iter().sum();
+    let shortest_v = legs_v.iter().copied().fold(f64::INFINITY, f64::min);
     for (name, slope_v_s) in [
         (
             "slow triangles with nested reversals",
@@ -195,7 +197,8 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
         ),
         (
             "fast triangles with nested reversals",
-            0.5 * limits.slope_max_v_s,
+            // A leg has five samples, as half a period of the bursts does.
+            (0.5 * limits.slope_max_v_s).min(0.2 * shortest_v * limits.sample_rate_hz),
         ),
     ] {
         let slope_v_s = slope_v_s.max(path_v / limits.duration_max_s);
@@ -292,10 +295,16 @@ mod tests {
                 drive_min_v: -90.0,
                 drive_max_v: 90.0,
             },
+            // Data with steps.
+            Limits {
+                slope_max_v_s: 1.4e6,
+                ..LIMITS
+            },
         ] {
             let drives = drives(&limits);
             assert!(drives.len() >= 2, "{}", drives.len());
             for (name, rate_hz, drive_v) in drives {
+                assert!(drive_v.len() > 100, "{name}: {}", drive_v.len());
                 let last = drive_v.last().unwrap();
                 assert!(
                     (last - limits.drive_min_v).abs() < 1e-6,

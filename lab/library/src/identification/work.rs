@@ -143,12 +143,14 @@ impl Work {
         self.add(steps.sum());
     }
 
-    /// What each of so many coefficients adds to the reading of a model along a record: forces on the mass are
-    /// tried with each.
+    /// What each of so many coefficients adds to the reading of a model along a record. A mode passes all of
+    /// them on at once; where forces balance without it, each is tried.
     pub fn by_coefficient(&self, model: &Model, record: &Record, coefficients: usize) {
-        let forces = |e: &&EffectInstance| place_of(&*e.effect) == Place::Friction;
+        let tried = |e: &&EffectInstance| {
+            model.effect("vibration").is_none() && place_of(&*e.effect) == Place::Friction
+        };
         let weight = weight_of(model, record);
-        let tried: u64 = model.effects.iter().filter(forces).map(weight).sum();
+        let tried: u64 = model.effects.iter().filter(tried).map(weight).sum();
         self.add(coefficients as u64 * (1 + tried) * samples(model, record));
     }
 
@@ -212,13 +214,14 @@ const PARAMETERS_IN_A_STEP: u64 = 4;
 fn weight_of(model: &Model, record: &Record) -> impl Fn(&EffectInstance) -> u64 {
     let drive = record.drive();
     let pieces = pieces_in(model, drive.dt_s / model.substeps_for(&drive) as f64);
+    let has_inertia = model.effect("vibration").is_some();
     move |e| {
-        let lasts_steps = e.effect.declaration().lasts_steps;
-        match place_of(&*e.effect) {
-            // The mass is followed in pieces of an interval.
-            Place::Friction => pieces * lasts_steps.unwrap_or(BALANCED),
-            _ => lasts_steps
-                .unwrap_or_else(|| (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP)),
+        let holds_mass = place_of(&*e.effect) == Place::Friction;
+        match e.effect.declaration().lasts_steps {
+            Some(steps) if holds_mass => pieces * steps,
+            Some(steps) => steps,
+            None if holds_mass && has_inertia => pieces * BALANCED,
+            None => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
         }
     }
 }
