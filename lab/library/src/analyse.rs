@@ -106,6 +106,19 @@ pub struct Options {
     pub policy: Policy,
 }
 
+/// A search that begins again has this share of the steps at least, whatever the one before took.
+const LEFT_AT_LEAST: f64 = 0.5;
+
+impl Options {
+    /// For one more search, behind others that took so many steps.
+    fn with_what_is_left(&self, steps: u64) -> Self {
+        let mut out = self.clone();
+        let most = self.policy.most_steps;
+        out.policy.most_steps = (most - steps as f64).max(LEFT_AT_LEAST * most);
+        out
+    }
+}
+
 /// Runs the main job; once more on a corrected data set where a quality check asks for that.
 ///
 /// # Errors
@@ -137,7 +150,8 @@ pub fn analyse(
         });
     };
     watch.event(&WatchEvent::Doing("once more, on the corrected data set"));
-    let again = once(&corrected, start, options, watch)?.outcome;
+    let options = options.with_what_is_left(found.steps);
+    let again = once(&corrected, start, &options, watch)?.outcome;
     Ok(Outcome {
         corrected: Some(corrected),
         ..again
@@ -148,6 +162,8 @@ pub fn analyse(
 struct Once {
     outcome: Outcome,
     retry: Option<Dataset>,
+    /// What it cost.
+    steps: u64,
 }
 
 fn once(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Once> {
@@ -236,6 +252,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let mut issues = dataset.issues.clone();
     issues.extend(quality::issues(dataset, Moment::BeforeSearch));
     let mut floor = noise_floor(dataset);
+    let mut steps = 0;
     let mut study = study_of(dataset, options, &floor, watch);
     let blocked = issues
         .iter()
@@ -253,7 +270,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         };
         let another = differ(floor.rms_um, beside.rms_um) && is_near(&grown, &study, &beside);
         floor = beside;
-        study = study_of(dataset, options, &floor, watch);
+        steps += study.budget.work.steps();
+        let options = options.with_what_is_left(steps);
+        study = study_of(dataset, &options, &floor, watch);
         if !another {
             break;
         }
@@ -346,15 +365,16 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let next_experiment = next.filter(|best| asks && decides(best));
     let (split, work) = (study.split.clone(), study.budget.work.clone());
     drop(study);
+    steps += work.steps();
     let Grown {
-        steps,
+        steps: path,
         weighed,
         stopped,
         ..
     } = grown;
     let outcome = Outcome {
         model,
-        steps,
+        steps: path,
         weighed,
         floor,
         diagnosis,
@@ -365,7 +385,11 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         stopped,
         work,
     };
-    Ok(Once { outcome, retry })
+    Ok(Once {
+        outcome,
+        retry,
+        steps,
+    })
 }
 
 /// How often a search is begun with another floor: the noise of a drive's column makes something else of
