@@ -802,6 +802,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn an_interval_has_the_more_pieces_the_more_the_mode_turns() {
+        let mode = ("vibration", &MODE[..]);
+        let late = [mode, ("delay", &[0.3e-3])];
+        let pieces = |effects: &[(&str, &[f64])], dt_s| super::pieces_in(&model(effects), dt_s);
+        assert_eq!([1e-3, 5e-3].map(|dt_s| pieces(&[mode], dt_s)), [1, 4]);
+        assert_eq!([1e-3, 5e-3].map(|dt_s| pieces(&late, dt_s)), [2, 4]);
+        // Too fast, and without inertia.
+        assert_eq!([pieces(&[mode], 1e-2), pieces(&[], 1e-3)], [8, 8]);
+    }
+
     /// A force of nothing leaves the free mode, whatever the way of the drive and with what reads it.
     #[test]
     fn a_force_of_nothing_is_the_free_mode() {

@@ -999,3 +999,16 @@ impl Outcome {
         &self.steps[self.steps.len() - 1].judged
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_search_has_what_is_left_and_half_at_least() {
+        let options = Options::default();
+        let most = options.policy.most_steps;
+        let left = |steps: f64| options.with_what_is_left(steps as u64).policy.most_steps;
+        assert_eq!([0.2, 0.9].map(|used| left(used * most) / most), [0.8, 0.5]);
+    }
+}

@@ -126,6 +126,21 @@ mod tests {
         assert_eq!(budget.work.of_stage(Stage::Ablation), [300, 0, 0]);
     }
 
+    #[test]
+    fn a_fit_ends_with_its_share_of_the_steps() {
+        let budget = Budget::new(1000.0, &Unwatched);
+        let model = Model::new(0.0, 1.0);
+        let ends_after = |steps| {
+            budget.ends_fit(&FitProgress {
+                taken: 1,
+                fell: 1.0,
+                steps,
+                model: &model,
+            })
+        };
+        assert_eq!([49, 50].map(ends_after), [false, true]);
+    }
+
     /// So much of the caller's time is over, whatever was simulated.
     struct TimeUsed(f64);
 
