@@ -15,6 +15,7 @@ use crate::block::Block;
 use crate::law::Law;
 use crate::linear_system::ContinuousSystem;
 use crate::physics::*;
+use std::cell::Cell;
 
 /// The forces of a model, in the order of its effects, and the friction of its guide among them; empty where
 /// friction is the only force.
@@ -42,17 +43,19 @@ const RINGING_MAX_RAD: f64 = std::f64::consts::PI;
 /// `explain` that tries `hysteretic_stiffness`).
 const BALANCED_PIECES: u64 = 8;
 
-/// Pieces in an interval of a model whose mass works against forces, as long as the mode is not stiffer.
-/// Without inertia, and where the mode is too fast to be followed, the forces balance.
+thread_local! {
+    static FOLLOWED: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Pieces that a mass was followed in by this thread so far, whichever simulation asked for them: what forces
+/// cost is known once they were simulated.
 #[must_use]
-pub fn pieces_in(model: &Model, dt_s: f64) -> u64 {
-    let rad = model.values(id::VIBRATION).map(|v| v[0] * dt_s);
-    let Some(rad) = rad.filter(|rad| *rad <= RINGING_MAX_RAD) else {
-        return BALANCED_PIECES;
-    };
-    // A drive that arrives late steps within the interval.
-    let parts = 1.0 + f64::from(super::delay::taken_in_s(model).is_some());
-    (parts * (rad / parts / PIECE_RAD).ceil().max(1.0)) as u64
+pub fn pieces_followed() -> u64 {
+    FOLLOWED.get()
+}
+
+fn followed(pieces: u64) {
+    FOLLOWED.set(FOLLOWED.get().wrapping_add(pieces));
 }
 
 /// How often the pieces are halved where the mode is stiffer.
@@ -151,6 +154,7 @@ impl Balance {
     /// The place where a constant force and all others balance, from where the memories are, which then are
     /// there.
     fn rest(&mut self, from_um: f64, force_um: f64) -> f64 {
+        followed(BALANCED_PIECES);
         let place_um = balanced(force_um, |at_um| self.tried(from_um, [at_um, 0.0]));
         self.tried_midway(from_um, [place_um, 0.0]);
         self.memories.copy_from_slice(&self.midway);
@@ -421,6 +425,7 @@ impl<const N: usize> Balanced<N> {
             let piece = Piece::over(system, length_s / count, way);
             (count as usize, Box::new(piece))
         });
+        followed(*count as u64);
         // Where a glide would come to; a straight way goes on by steps.
         let left = match segment.arrival {
             Arrival::Gliding(_) => arrival.left_after(*dt_s),
@@ -803,14 +808,21 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_has_the_more_pieces_the_more_the_mode_turns() {
-        let mode = ("vibration", &MODE[..]);
-        let late = [mode, ("delay", &[0.3e-3])];
-        let pieces = |effects: &[(&str, &[f64])], dt_s| super::pieces_in(&model(effects), dt_s);
-        assert_eq!([1e-3, 5e-3].map(|dt_s| pieces(&[mode], dt_s)), [1, 4]);
-        assert_eq!([1e-3, 5e-3].map(|dt_s| pieces(&late, dt_s)), [2, 4]);
-        // Too fast, and without inertia.
-        assert_eq!([pieces(&[mode], 1e-2), pieces(&[], 1e-3)], [8, 8]);
+    fn pieces_are_counted_as_they_are_followed() {
+        let drive_v = drive(100);
+        let pieces = |effects: &[(&str, &[f64])]| {
+            let before = super::pieces_followed();
+            let held = Drive::held(&drive_v, DT_S, InitialState::Settled);
+            let _ = model(effects).simulate(&held);
+            super::pieces_followed() - before
+        };
+        let spring = ("nonlinear_stiffness", &SPRING[..]);
+        let slow = ("vibration", &MODE[..]);
+        let fast = ("vibration", &[TAU * 240.0, 0.05][..]);
+        assert_eq!(pieces(&[slow]), 0);
+        assert!(pieces(&[slow, spring]) >= 100);
+        assert!(pieces(&[fast, spring]) >= 400);
+        assert_eq!(pieces(&[spring]), 800);
     }
 
     /// A force of nothing leaves the free mode, whatever the way of the drive and with what reads it.

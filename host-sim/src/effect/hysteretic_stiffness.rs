@@ -200,8 +200,6 @@ impl Effect for HystereticStiffness {
             planted: Planted::Never,
             comes_with: &[id::VIBRATION],
             equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`.",
-            // 78 ns, and 4 ns of `hysteresis` (`benchmarks/results/speed.csv`).
-            lasts_steps: Some(18),
             ..Declaration::at(Place::Friction)
         }
     }

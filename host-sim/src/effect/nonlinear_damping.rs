@@ -88,8 +88,6 @@ impl Effect for NonlinearDamping {
             planted: Planted::Never,
             comes_with: &[id::VIBRATION],
             equations: r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`.",
-            // 147 ns, and 4 ns of `hysteresis` (`benchmarks/results/speed.csv`).
-            lasts_steps: Some(34),
             ..Declaration::at(Place::Friction)
         }
     }

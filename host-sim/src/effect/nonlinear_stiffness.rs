@@ -154,8 +154,6 @@ impl Effect for NonlinearStiffness {
             equations: r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
 `d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
 interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials).",
-            // 58 ns, and 4 ns of `hysteresis` (`benchmarks/results/speed.csv`).
-            lasts_steps: Some(13),
             ..Declaration::at(Place::Friction)
         }
     }

@@ -612,15 +612,17 @@ impl Signatures {
         let per_record = parallel::map_indices(rows.records.len(), |r| {
             let (i, samples) = &rows.records[r];
             rows.work.varied(&variations, &dataset.records[*i]);
-            columns_of_record(
-                model,
-                &dataset.records[*i],
-                samples,
-                &variations,
-                &columns,
-                r,
-                &readings[r],
-            )
+            rows.work.counting_forces(|| {
+                columns_of_record(
+                    model,
+                    &dataset.records[*i],
+                    samples,
+                    &variations,
+                    &columns,
+                    r,
+                    &readings[r],
+                )
+            })
         });
         let columns: Vec<DMatrix<f64>> = per_record.into_iter().collect::<Result<_>>()?;
         Ok(Self {

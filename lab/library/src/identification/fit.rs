@@ -445,7 +445,9 @@ fn residuals_of(
     rows.count_simulation(model, dataset);
     let residuals = parallel::map_indices(rows.records.len(), |r| {
         let (i, samples) = &rows.records[r];
-        residual_near(model, &dataset.records[*i], samples, &near[r])
+        let record = &dataset.records[*i];
+        rows.work
+            .counting_forces(|| residual_near(model, record, samples, &near[r]))
     });
     let sum: f64 = residuals.iter().map(DVector::norm_squared).sum();
     (if sum.is_finite() { sum } else { f64::INFINITY }, residuals)

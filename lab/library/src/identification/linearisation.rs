@@ -144,7 +144,9 @@ impl Rows {
         parallel::map_indices(self.records.len(), |r| {
             let (i, samples) = &self.records[r];
             let record = &dataset.records[*i];
-            let mut out = raw_residual(model, record, samples);
+            let mut out = self
+                .work
+                .counting_forces(|| raw_residual(model, record, samples));
             project_out_of(
                 &self.bases[r]
                     .of(OwnMotions::of(model, record), record, samples)
@@ -500,24 +502,27 @@ fn walk_part(
     let (mut reading, mut of_variations): (_, Vec<_>) =
         (nothing(), variations.iter().map(|_| nothing()).collect());
     let mut by_coefficient = DMatrix::zeros(if count > 0 { samples.count() } else { 0 }, count);
-    walk(
-        model,
-        &record.drive(),
-        &variations,
-        Manner {
-            with_coefficients: count > 0,
-            ..Manner::default()
-        },
-        &mut |chunk| {
-            let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
-            within.take(chunk.reading_um, &mut reading.as_mut_slice()[before..]);
-            take_each(&mut of_variations, before, &within, chunk);
-            if count > 0 {
-                let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
-                within.take_rows(chunk.by_coefficient, width, before, &mut by_coefficient);
-            }
-        },
-    );
+    work.counting_forces(|| {
+        walk(
+            model,
+            &record.drive(),
+            &variations,
+            Manner {
+                with_coefficients: count > 0,
+                ..Manner::default()
+            },
+            &mut |chunk| {
+                let (before, within) =
+                    samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+                within.take(chunk.reading_um, &mut reading.as_mut_slice()[before..]);
+                take_each(&mut of_variations, before, &within, chunk);
+                if count > 0 {
+                    let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
+                    within.take_rows(chunk.by_coefficient, width, before, &mut by_coefficient);
+                }
+            },
+        )
+    });
     let measured = measured(record, samples);
     let moved = of_variations.into_iter().zip(steps).zip(variations);
     let moved = moved

@@ -3,7 +3,7 @@
 
 use crate::dataset::Record;
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::force_balance::pieces_in;
+use hysteron_sim::effect::force_balance::pieces_followed;
 use hysteron_sim::effect::{Effect, Place};
 use hysteron_sim::variations::Variation;
 use std::fmt::Write as _;
@@ -130,7 +130,7 @@ impl Work {
 
     /// A simulation of a model along records.
     pub fn simulated<'r>(&self, model: &Model, records: impl IntoIterator<Item = &'r Record>) {
-        let steps = |record: &Record| weight_from(model, None, record) * samples(model, record);
+        let steps = |record: &Record| weight_from(model, None) * samples(model, record);
         self.add(records.into_iter().map(steps).sum());
     }
 
@@ -138,20 +138,22 @@ impl Work {
     pub fn varied(&self, variations: &[Variation], record: &Record) {
         let steps = variations.iter().map(|v| {
             let place = v.model.effect(&v.differs).map(|e| acts_at(&v.model, e));
-            weight_from(&v.model, place, record) * samples(&v.model, record)
+            weight_from(&v.model, place) * samples(&v.model, record)
         });
         self.add(steps.sum());
     }
 
-    /// What each of so many coefficients adds to the reading of a model along a record. A mode passes all of
-    /// them on at once; where forces balance without it, each is tried.
+    /// What each of so many coefficients adds to the reading of a model along a record.
     pub fn by_coefficient(&self, model: &Model, record: &Record, coefficients: usize) {
-        let tried = |e: &&EffectInstance| {
-            model.effect("vibration").is_none() && place_of(&*e.effect) == Place::Friction
-        };
-        let weight = weight_of(model, record);
-        let tried: u64 = model.effects.iter().filter(tried).map(weight).sum();
-        self.add(coefficients as u64 * (1 + tried) * samples(model, record));
+        self.add(coefficients as u64 * samples(model, record));
+    }
+
+    /// Simulates, and counts the pieces in which forces on the mass were followed.
+    pub fn counting_forces<R>(&self, simulate: impl FnOnce() -> R) -> R {
+        let before = pieces_followed();
+        let out = simulate();
+        self.add(STEPS_OF_A_PIECE * pieces_followed().wrapping_sub(before));
+        out
     }
 
     /// Steps so far.
@@ -204,39 +206,30 @@ fn acts_at(model: &Model, effect: &EffectInstance) -> Place {
     place_of(&*stage.unwrap_or(effect).effect)
 }
 
-/// A force that holds the mass back is balanced in several trials of each interval, which take so many times
+/// Friction that holds the mass back is balanced in several trials of each interval, which take so many times
 /// as long as a step of another stage (`perf report` of `hysteron explain examples/hidden_effect`).
 const BALANCED: u64 = 5;
+/// A piece in which other forces on the mass are followed takes 58 to 147 ns, and a step 5
+/// (`benchmarks/results/speed.csv`).
+const STEPS_OF_A_PIECE: u64 = 16;
 /// Parameters that a stage takes in a step: a stage of many is one of many plays, terms or coefficients.
 const PARAMETERS_IN_A_STEP: u64 = 4;
 
-/// What a step of an effect of a model weighs along a record.
-fn weight_of(model: &Model, record: &Record) -> impl Fn(&EffectInstance) -> u64 {
-    let drive = record.drive();
-    let pieces = pieces_in(model, drive.dt_s / model.substeps_for(&drive) as f64);
-    let has_inertia = model.effect("vibration").is_some();
-    move |e| {
-        let holds_mass = place_of(&*e.effect) == Place::Friction;
-        match e.effect.declaration().lasts_steps {
-            Some(steps) if holds_mass => pieces * steps,
-            Some(steps) => steps,
-            None if holds_mass && has_inertia => pieces * BALANCED,
-            None => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
-        }
-    }
-}
-
-/// What a step of the stages from a place on weighs along a record; without a place, of all.
-fn weight_from(model: &Model, place: Option<Place>, record: &Record) -> u64 {
-    let weight = weight_of(model, record);
-    let passed = |e: &&EffectInstance| match (place_of(&*e.effect), place) {
-        (_, None) => true,
+/// What a step of the stages from a place on weighs; without a place, of all.
+fn weight_from(model: &Model, place: Option<Place>) -> u64 {
+    let weight = |e: &EffectInstance| match (place_of(&*e.effect), place) {
         // The stage of the mode takes it in.
-        (Place::Friction, Some(from)) => from <= Place::Vibration,
-        (at, Some(from)) => at >= from,
+        (Place::Friction, Some(from)) if from > Place::Vibration => 0,
+        (at, Some(from)) if at < from && at != Place::Friction => 0,
+        (at, _) => {
+            let by_place = || match at {
+                Place::Friction => BALANCED,
+                _ => (e.parameters.len() as u64).div_ceil(PARAMETERS_IN_A_STEP),
+            };
+            e.effect.declaration().lasts_steps.unwrap_or_else(by_place)
+        }
     };
-    let effects = model.effects.iter().filter(passed);
-    effects.map(weight).sum::<u64>().max(1)
+    model.effects.iter().map(weight).sum::<u64>().max(1)
 }
 
 #[cfg(test)]
