@@ -96,9 +96,9 @@ pub struct Record {
     pub initial_state: InitialState,
     /// Samples that count.
     pub window: Range<usize>,
-    /// Samples that do not, in front of the window and behind it too: their readings say nothing of the displacement, because the sensor's
-    /// range ends there (checks find them), or they belong to another record of the same tape.
-    /// Ascending.
+    /// Samples that do not, in front of the window and behind it too: their readings say nothing of the
+    /// displacement, because the sensor's range ends there (checks find them), or they belong to another record
+    /// of the same tape. Ascending.
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,

@@ -93,9 +93,9 @@ impl NoiseFloor {
         over_judging(dataset, &self.of_readings_um)
     }
 
-    /// The floor beside a model that leaves these residuals, um, empty for a record that does not judge: what the noise of the drive's
-    /// column makes in the readings of this model is part of it. `None` where the drive stands in its column
-    /// as it was commanded, or nothing speaks for noise that nobody saw.
+    /// The floor beside a model that leaves these residuals, um, empty for a record that does not judge: what
+    /// the noise of the drive's column makes in the readings of this model is part of it. `None` where the drive
+    /// stands in its column as it was commanded, or nothing speaks for noise that nobody saw.
     ///
     /// `explained` times the floor is what a model leaves that explains everything.
     #[must_use]

@@ -154,7 +154,7 @@ pub(super) fn has_spectrum_of(
         }
         let [made, of_left] = [made, left_um].map(|values| periodogram(&values[..samples]));
         let whole: f64 = made.iter().sum();
-        let white = readings_um * readings_um * samples as f64 / made.len() as f64;
+        let white = readings_um * readings_um;
         let mut so_far = 0.0;
         for (of_made, of_left) in made.iter().zip(of_left) {
             let quarter = ((4.0 * so_far / whole) as usize).min(3);
