@@ -354,10 +354,13 @@ impl Stepper {
         }
     }
 
-    /// Whether the law can go to the target with what is left of the drive in that direction: from an end of
-    /// the teeth to the far end of the drive it goes as far as the reach.
+    /// Whether the slider is there, or the law can go there with what is left of the drive in that direction:
+    /// from an end of the teeth to the far end of the drive it goes as far as the reach.
     fn reaches(&self, [code, lowest, highest]: [DriveCode; 3]) -> bool {
         let error = self.error();
+        if self.is_there() {
+            return true;
+        }
         let left = if error >= 0 {
             highest.abs_diff(code)
         } else {
@@ -366,6 +369,10 @@ impl Stepper {
         let whole = highest.abs_diff(self.parameters.low);
         let reach = self.parameters.reach.to_bits().unsigned_abs();
         u64::from(error.unsigned_abs()) * u64::from(whole) <= u64::from(reach) * u64::from(left)
+    }
+
+    fn is_there(&self) -> bool {
+        self.error().unsigned_abs() <= self.parameters.tolerance.to_bits().unsigned_abs()
     }
 
     fn is_near_end(&self) -> bool {
@@ -540,7 +547,7 @@ impl Stepper {
             0
         };
         let p = &self.parameters;
-        let near = self.error().unsigned_abs() <= p.tolerance.to_bits().unsigned_abs();
+        let near = self.is_there();
         self.arrived_for = if near {
             self.arrived_for.saturating_add(1)
         } else {
@@ -767,7 +774,13 @@ mod tests {
             low: lowest,
             ..stepping()
         });
-        assert_eq!(rig.code, lowest);
+        // Nor does a slider that stands by less than the tolerance beyond its target need one.
+        go(&mut amplifier, -0.01, 0.0).unwrap();
+        run(&mut amplifier, &mut rig, 200);
+        assert_eq!(
+            (rig.code, stepper(&amplifier).counters().teeth),
+            (lowest, 0)
+        );
         go(&mut amplifier, -3.0, 0.0).unwrap();
         let mut fine_from = None;
         for tick in 0..2000 {

@@ -145,7 +145,8 @@ impl SteppingDesign {
     ) -> std::result::Result<Self, String> {
         let period_s = order.front_end.period_s();
         let ends_v = [0.0, rig.drive_range_v];
-        let fast_s = (ends_v[1] - ends_v[0]) / order.front_end.slew_v_s;
+        // A tick more, since codes are rounded and none goes further in a tick than the slew allows.
+        let fast_s = (ends_v[1] - ends_v[0]) / order.front_end.slew_v_s + period_s;
         let tried = RATES_S.iter().flat_map(|slow_s| {
             CURVATURES.iter().map(move |curvature| Tooth {
                 ends_v,

@@ -334,7 +334,7 @@ fn columns_without_names_are_known_by_what_they_do() {
     gives(
         "a.csv",
         &text,
-        &["2 columns may be the drive: column `u [v]` is taken"],
+        &["2 columns may be the drive: column `u [v]` (column 2) is taken"],
     );
     // A second sensor of half the gain; of equals the first is read.
     let with_sensors = |header: &str| {
