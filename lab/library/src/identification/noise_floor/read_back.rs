@@ -10,7 +10,8 @@
 //! converter that read it or of one that made it: then the readings decide. A model that leaves what the
 //! noise would make had no better drive to follow.
 
-use super::{high_band, periodogram, rest};
+use super::random_part::periodogram;
+use super::{high_band, rest};
 use crate::dataset::reading_grid::{LEVELS_MIN, rounding_noise, step_of};
 use crate::dataset::{Dataset, Record, Role};
 use hysteron_sim::chain::Model;
