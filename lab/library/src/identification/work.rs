@@ -209,9 +209,9 @@ fn acts_at(model: &Model, effect: &EffectInstance) -> Place {
 /// Friction that holds the mass back is balanced in several trials of each interval, which take so many times
 /// as long as a step of another stage (`perf report` of `hysteron explain examples/hidden_effect`).
 const BALANCED: u64 = 5;
-/// A piece in which other forces on the mass are followed takes 58 to 147 ns, and a step 5
-/// (`benchmarks/results/speed.csv`).
-const STEPS_OF_A_PIECE: u64 = 16;
+/// A piece in which other forces on the mass are followed takes some 60 ns in a search that spends its time
+/// there (`perf report`), and a step 5.
+const STEPS_OF_A_PIECE: u64 = 12;
 /// Parameters that a stage takes in a step: a stage of many is one of many plays, terms or coefficients.
 const PARAMETERS_IN_A_STEP: u64 = 4;
 
