@@ -351,7 +351,7 @@ fn columns_without_names_are_known_by_what_they_do() {
     gives(
         "a.csv",
         with_sensors("t_s,u_v,sensor_a_um,sensor_b_um"),
-        &["2 columns may be the displacement: column `sensor_a [um]` is taken"],
+        &["2 columns may be the displacement: column `sensor_a [um]` (column 3) is taken"],
     );
     let warm = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.3}", 21.0 + t));
     gives(
