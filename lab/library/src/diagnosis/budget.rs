@@ -1,7 +1,6 @@
 //! What a diagnosis may cost: steps of simulation, which end it at the same place on every machine, and below
 //! that the time that the caller gives.
 
-use crate::identification::fit::FitProgress;
 use crate::identification::work::{Stage, Work};
 use crate::watch::{Watch, WatchEvent};
 
@@ -9,9 +8,6 @@ use crate::watch::{Watch, WatchEvent};
 /// the rest come evidence, the last fit and the checks that need a model.
 pub const SEARCH_ENDS_AT: f64 = 0.5;
 const TESTS_END_AT: f64 = 0.8;
-/// Share of the steps that one fit may take. A fit is not asked for more than its own steps: what others have
-/// taken by then is chance where several run at once.
-const OF_A_FIT: f64 = 0.05;
 /// Share of the time after which a fit for the report goes no further.
 const FITS_END_AT: f64 = 0.95;
 
@@ -79,14 +75,9 @@ impl<'w> Budget<'w> {
         self.work.steps() as f64 / self.most_steps
     }
 
-    /// Whether a fit goes no further: it took its share of the steps, or the caller's time for the present
-    /// stage is over.
+    /// Whether the caller's time for the present stage is over: asked within fits as well.
     #[must_use]
-    pub fn ends_fit(&self, progress: &FitProgress) -> bool {
-        progress.steps as f64 >= OF_A_FIT * self.most_steps || self.time_is_over()
-    }
-
-    fn time_is_over(&self) -> bool {
+    pub fn time_is_over(&self) -> bool {
         self.time_used() >= self.stage_ends_at()
     }
 }
@@ -124,21 +115,6 @@ mod tests {
         spend(&budget.work, 300);
         assert!(budget.is_over());
         assert_eq!(budget.work.of_stage(Stage::Ablation), [300, 0, 0]);
-    }
-
-    #[test]
-    fn a_fit_ends_with_its_share_of_the_steps() {
-        let budget = Budget::new(1000.0, &Unwatched);
-        let model = Model::new(0.0, 1.0);
-        let ends_after = |steps| {
-            budget.ends_fit(&FitProgress {
-                taken: 1,
-                fell: 1.0,
-                steps,
-                model: &model,
-            })
-        };
-        assert_eq!([49, 50].map(ends_after), [false, true]);
     }
 
     /// So much of the caller's time is over, whatever was simulated.

@@ -428,7 +428,7 @@ impl<'a> Study<'a> {
             FALLS_FAST
         };
         let goes_on = |progress: &FitProgress| {
-            if self.budget.ends_fit(progress) {
+            if self.budget.time_is_over() {
                 return false;
             }
             if progress.fell > fast {
@@ -468,7 +468,7 @@ impl<'a> Study<'a> {
             &self.searched,
             &self.quick,
             effort,
-            |progress| !self.budget.ends_fit(progress),
+            |_| !self.budget.time_is_over(),
         ))
     }
 
@@ -492,8 +492,8 @@ impl<'a> Study<'a> {
             Effort::default()
         };
         judge_fit(
-            fit_while(model, self.dataset, &self.thorough, effort, |progress| {
-                !self.budget.ends_fit(progress)
+            fit_while(model, self.dataset, &self.thorough, effort, |_| {
+                !self.budget.time_is_over()
             }),
             &self.thorough,
             self.dataset,

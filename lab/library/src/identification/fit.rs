@@ -146,8 +146,6 @@ pub struct FitProgress<'m> {
     /// By how much the last two lowered the residual, as a logarithm: one that is taken with older
     /// derivatives may bring little before one with new ones.
     pub fell: f64,
-    /// What was simulated, in steps of a stage.
-    pub steps: u64,
     /// The model.
     pub model: &'m Model,
 }
@@ -163,7 +161,6 @@ pub fn fit_while(
 ) -> Fit {
     let free = free_parameters(model);
     let mut model = model.clone();
-    let rows = &rows.clone().counted_by(rows.work.of_a_fit());
     let mut lambda = 1e-6;
     let mut known: Option<(Model, Vec<Linearised>)> = None;
     let mut age = Age::Exact;
@@ -190,7 +187,6 @@ pub fn fit_while(
             && !goes_on(&FitProgress {
                 taken,
                 fell,
-                steps: rows.work.steps_of_fit(),
                 model: &model,
             })
         {

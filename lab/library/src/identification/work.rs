@@ -82,8 +82,6 @@ struct Counts {
 pub struct Work {
     counts: Arc<Counts>,
     purpose: Purpose,
-    /// Of one fit alone.
-    of_fit: Arc<AtomicU64>,
 }
 
 impl Work {
@@ -94,21 +92,6 @@ impl Work {
             purpose,
             ..self.clone()
         }
-    }
-
-    /// The same count at the beginning of a fit.
-    #[must_use]
-    pub fn of_a_fit(&self) -> Self {
-        Self {
-            of_fit: Arc::default(),
-            ..self.clone()
-        }
-    }
-
-    /// Steps since the fit began.
-    #[must_use]
-    pub fn steps_of_fit(&self) -> u64 {
-        self.of_fit.load(Ordering::Relaxed)
     }
 
     /// From now on steps are of this stage.
@@ -125,7 +108,6 @@ impl Work {
     fn add(&self, steps: u64) {
         self.counts.steps[self.stage() as usize][self.purpose as usize]
             .fetch_add(steps, Ordering::Relaxed);
-        self.of_fit.fetch_add(steps, Ordering::Relaxed);
     }
 
     /// A simulation of a model along records.
@@ -209,9 +191,9 @@ fn acts_at(model: &Model, effect: &EffectInstance) -> Place {
 /// Friction that holds the mass back is balanced in several trials of each interval, which take so many times
 /// as long as a step of another stage (`perf report` of `hysteron explain examples/hidden_effect`).
 const BALANCED: u64 = 5;
-/// A piece in which other forces on the mass are followed takes some 60 ns in a search that spends its time
-/// there (`perf report`), and a step 5.
-const STEPS_OF_A_PIECE: u64 = 12;
+/// A piece in which other forces on the mass are followed takes 58 to 147 ns, and a step 5
+/// (`benchmarks/results/speed.csv`).
+const STEPS_OF_A_PIECE: u64 = 16;
 /// Parameters that a stage takes in a step: a stage of many is one of many plays, terms or coefficients.
 const PARAMETERS_IN_A_STEP: u64 = 4;
 
