@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
-"""Times the chain of the example `speed` as it is written with NumPy and with Numba: ten plays, three relaxations, a mode.
+"""Times the chain of the example `speed` as it is written with NumPy, Numba and JAX: ten plays, three relaxations, a mode.
 
     python3 benchmarks/speed/chain.py
 
-Prints `program,samples,seconds`, the quickest of several runs on one core. Needs NumPy, SciPy and Numba.
+Prints `program,samples,seconds`, the quickest of several runs on one core. Needs NumPy, SciPy, Numba and JAX; `chain.m` beside it has
+the same for Octave.
 """
 
 import math
 import time
 
+import jax
 import numpy
+from jax import numpy as jnp
 from numba import njit
 from scipy.signal import lfilter
 
@@ -78,6 +81,25 @@ def with_numba(drive, thresholds, weights, shares, decays, b1, b2, a1, a2):
     return out
 
 
+@jax.jit
+def with_jax(drive):
+    """All in one scan."""
+
+    def step(state, drive_v):
+        plays, slow, (y1, y2, u1, u2) = state
+        x = drive_v / DRIVE_MAX_V
+        plays = jnp.clip(plays, x - THRESHOLDS, x + THRESHOLDS)
+        total = WEIGHTS_UM @ plays
+        crept = total + SHARES @ slow
+        slow = DECAYS * slow + (1.0 - DECAYS) * total
+        b1, b2, a1, a2 = MODE
+        y = b1 * u1 + b2 * u2 - a1 * y1 - a2 * y2
+        return (plays, slow, (y, y1, crept, u1)), y
+
+    begin = (jnp.zeros(len(THRESHOLDS)), jnp.zeros(len(SHARES)), (0.0,) * 4)
+    return jax.lax.scan(step, begin, drive)[1]
+
+
 def quickest_s(run, drive, runs):
     times = []
     for _ in range(runs):
@@ -98,12 +120,16 @@ def main():
         return with_numba(drive, THRESHOLDS, WEIGHTS_UM, SHARES, DECAYS, *MODE)
 
     fewer = drive[: SAMPLES // 10]
-    # Both compute the same, and the first call compiles.
+    scanned = lambda drive: with_jax(drive).block_until_ready()
+    # All compute the same, and the first call compiles.
     assert numpy.allclose(with_numpy(fewer), compiled(fewer), atol=1e-9)
+    assert numpy.allclose(scanned(drive), compiled(drive), atol=1e-9)
     print("program,samples,seconds")
     print(f"NumPy,{len(fewer)},{quickest_s(with_numpy, fewer, 3):.6f}")
     print(f"Numba,{len(drive)},{quickest_s(compiled, drive, RUNS):.6f}")
+    print(f"JAX,{len(drive)},{quickest_s(scanned, drive, RUNS):.6f}")
 
 
 if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
     main()

@@ -41,12 +41,18 @@ pub fn write() -> Result<(), String> {
         }
     }
     write_file(INSTRUCTIONS, &text)?;
-    let python = virtual_environment::kept("python/speed", &["numpy", "scipy", "numba"])?;
+    let python = virtual_environment::kept("python/speed", &["numpy", "scipy", "numba", "jax"])?;
     let ours = output(&program(), &[])?;
     let others = output(&python, &["benchmarks/speed/chain.py"])?;
+    debian::see_to_octave()?;
+    let octave = output(
+        Path::new("octave-cli"),
+        &["--quiet", "benchmarks/speed/chain.m"],
+    )?;
     let machine = machine();
     let mut text = String::from("program,samples,million_samples_a_second,machine\n");
-    for row in ours.lines().skip(1).chain(others.lines().skip(1)) {
+    let rows = ours.lines().skip(1).chain(others.lines().skip(1));
+    for row in rows.chain(octave.lines()) {
         let fields: Vec<&str> = row.split(',').collect();
         let [name, samples, seconds] = fields[..] else {
             return Err(format!("`{row}` is no row of three fields"));

@@ -224,6 +224,7 @@ fn of_cases(rows: &[ResultRow]) -> String {
     .map(String::from);
     let mark = |row: &ResultRow| match row.mark.as_str() {
         "in set" => "within an \"or\"".to_owned(),
+        "long or" => "within a long \"or\"".to_owned(),
         "missed" if nothing_to_name(row) => "nothing named".into(),
         "missed" => "not named".into(),
         mark => mark.to_owned(),
@@ -247,6 +248,7 @@ fn of_counts(sets: &[&str]) -> Result<String, String> {
         "cases",
         "right",
         "within an \"or\"",
+        "within a long one",
         "not named",
         "wrong \"or\"",
         "wrong",
@@ -274,6 +276,7 @@ fn of_counts(sets: &[&str]) -> Result<String, String> {
             of_set.len().to_string(),
             count(&["right"]),
             count(&["in set"]),
+            count(&["long or"]),
             count(&["missed", "absorbed"]),
             count(&["wrong or"]),
             count(&["wrong"]),

@@ -2,22 +2,22 @@
 //! outcome.
 //! Every front end calls [`analyse`].
 
+mod growth;
+mod growth_of_a_prior_model;
+
 use crate::dataset::Dataset;
 use crate::dataset::issue::{Issue, Severity};
 use crate::diagnosis::budget::SEARCH_ENDS_AT;
-use crate::diagnosis::closure::close;
-use crate::diagnosis::findings::{Fits, Weighed, names_and_open, test_slots, weigh};
+use crate::diagnosis::findings::Weighed;
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
-use crate::diagnosis::path::{self, ModelChange, PathStep};
+use crate::diagnosis::path::{ModelChange, PathStep};
 use crate::diagnosis::policy::Policy;
-use crate::diagnosis::pool::{Entry, Move, Pool};
-use crate::diagnosis::prior;
+use crate::diagnosis::pool::Pool;
 use crate::diagnosis::reporting::{self, Found};
-use crate::diagnosis::screening::{Screening, ScreeningEvidence};
-use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
+use crate::diagnosis::search::structure_beside_a_gain;
 use crate::diagnosis::searched_data::for_evidence;
-use crate::diagnosis::selection::{self, least_difference_um};
+use crate::diagnosis::selection::least_difference_um;
 use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -26,19 +26,18 @@ use crate::identification::fit::{Effort, fit_rows};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
-use crate::identification::work::{Stage, Work};
-use crate::identification::{finer_creep, finer_hysteresis};
+use crate::identification::work::Work;
 use crate::identify::require_chain;
 use crate::origin::{note_origin, read_as_recorded};
-use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
-use crate::parallel;
+use crate::outcome::{Diagnosis, Verdict};
 use crate::phrases;
 use crate::quality::{self, End, Moment};
 use crate::watch::{Watch, WatchEvent};
+use growth::{Grown, at, grow};
+use growth_of_a_prior_model::grow_from_prior;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::quantisation::{self, Quantisation};
 use hysteron_sim::effect::{Effect, Overview, registry};
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Everything that one run of the main job found.
@@ -150,8 +149,10 @@ pub fn analyse(
         });
     };
     watch.event(&WatchEvent::Doing("once more, on the corrected data set"));
-    let options = options.with_what_is_left(found.steps);
+    let spent = found.outcome.work;
+    let options = options.with_what_is_left(spent.steps());
     let again = once(&corrected, start, &options, watch)?.outcome;
+    again.work.take_in(&spent);
     Ok(Outcome {
         corrected: Some(corrected),
         ..again
@@ -162,8 +163,6 @@ pub fn analyse(
 struct Once {
     outcome: Outcome,
     retry: Option<Dataset>,
-    /// What it cost.
-    steps: u64,
 }
 
 fn once(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Once> {
@@ -223,64 +222,30 @@ const WHOLE: Effort = Effort {
     looks_again: false,
 };
 
-/// What a search came to, however it began.
-#[derive(Default)]
-struct Grown {
-    steps: Vec<PathStep>,
-    weighed: Vec<Weighed>,
-    /// What survives its test and is no name ([`names_and_open`]).
-    open: Vec<Weighed>,
-    models: Vec<KeptModel>,
-    /// The simplest kept models.
-    simplest: Vec<Entry>,
-    /// The model with the named effects alone, where it is another than the last.
-    named: Option<Judged>,
-    changed: Vec<ChangedValue>,
-    tried: Vec<Entry>,
-    beside_start: Option<Screening>,
-    loops: Vec<String>,
-    issues: Vec<Issue>,
-    stopped: bool,
-    /// The budget did not reach to find and test what would be named.
-    out_of_time: bool,
-    /// The search ended before it found nothing more.
-    ended_early: bool,
-}
-
 /// Everything that is decided on a data set.
 fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Once> {
     let mut issues = dataset.issues.clone();
     issues.extend(quality::issues(dataset, Moment::BeforeSearch));
-    let mut floor = noise_floor(dataset);
-    let mut steps = 0;
-    let mut study = study_of(dataset, options, &floor, watch);
     let blocked = issues
         .iter()
         .any(|issue| issue.severity == Severity::Blocks);
-    let mut grown = if blocked {
-        unfitted(&start, &study)
-    } else {
-        grown_from(&start, &study)?
-    };
-    for _ in 1..FLOORS_MAX {
-        let Some(beside) = floor_of(&grown, &floor, &study)
-            .filter(|_| !blocked && !grown.stopped && !grown.ended_early)
-        else {
-            break;
-        };
-        let another = differ(floor.rms_um, beside.rms_um) && is_near(&grown, &study, &beside);
-        floor = beside;
-        steps += study.budget.work.steps();
-        let options = options.with_what_is_left(steps);
-        study = study_of(dataset, &options, &floor, watch);
-        if !another {
-            break;
+    let BesideItsNoise {
+        mut grown,
+        mut floor,
+        study,
+        spent,
+    } = if blocked {
+        let floor = noise_floor(dataset);
+        let study = study_of(dataset, options, &floor, watch);
+        BesideItsNoise {
+            grown: unfitted(&start, &study),
+            floor,
+            study,
+            spent: Work::default(),
         }
-        watch.event(&WatchEvent::Doing(
-            "searching again beside what the drive's own noise makes",
-        ));
-        grown = grown_from(&start, &study)?;
-    }
+    } else {
+        grown_beside_its_noise(dataset, &start, options, watch)?
+    };
     grown.stopped |= watch.stopped();
     if grown.ended_early {
         floor.warnings.push(format!(
@@ -291,28 +256,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let quantised = quantise(&mut grown.steps, &floor, &study.overview);
     let mut retry = None;
     if !blocked && !grown.stopped {
-        let (first, last) = (
-            &grown.steps[0].judged,
-            &grown.steps[grown.steps.len() - 1].judged,
-        );
-        let added: Vec<String> = last
-            .model
-            .effect_ids()
-            .into_iter()
-            .filter(|id| first.model.effect(id).is_none())
-            .collect();
-        let end = End {
-            study: &study,
-            noise: &floor,
-            first,
-            last,
-            added: &added,
-        };
-        let after = if grown.issues.is_empty() {
-            quality::issues(dataset, Moment::End(&end))
-        } else {
-            std::mem::take(&mut grown.issues)
-        };
+        let after = issues_at_the_end(&mut grown, &floor, &study);
         retry = quality::corrected(dataset, &after);
         issues.extend(after);
         issues.sort_by_key(|issue| issue.severity != Severity::Blocks);
@@ -365,7 +309,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let next_experiment = next.filter(|best| asks && decides(best));
     let (split, work) = (study.split.clone(), study.budget.work.clone());
     drop(study);
-    steps += work.steps();
+    work.take_in(&spent);
     let Grown {
         steps: path,
         weighed,
@@ -385,11 +329,74 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         stopped,
         work,
     };
-    Ok(Once {
-        outcome,
-        retry,
-        steps,
+    Ok(Once { outcome, retry })
+}
+
+/// What a search came to, with the noise and the study that it is of, and what the searches before took.
+struct BesideItsNoise<'a> {
+    grown: Grown,
+    floor: NoiseFloor,
+    study: Study<'a>,
+    spent: Work,
+}
+
+/// A search, and again where the noise beside its model is another than the one that it looked for.
+fn grown_beside_its_noise<'a>(
+    dataset: &'a Dataset,
+    start: &Start,
+    options: &Options,
+    watch: &'a dyn Watch,
+) -> Result<BesideItsNoise<'a>> {
+    let (mut floor, spent) = (noise_floor(dataset), Work::default());
+    let mut study = study_of(dataset, options, &floor, watch);
+    let mut grown = grown_from(start, &study)?;
+    for _ in 1..FLOORS_MAX {
+        let beside = floor_of(&grown, &floor, &study);
+        let Some(beside) = beside.filter(|_| !grown.stopped && !grown.ended_early) else {
+            break;
+        };
+        let another = differ(floor.rms_um, beside.rms_um) && is_near(&grown, &study, &beside);
+        floor = beside;
+        spent.take_in(&study.budget.work);
+        study = study_of(
+            dataset,
+            &options.with_what_is_left(spent.steps()),
+            &floor,
+            watch,
+        );
+        if !another {
+            break;
+        }
+        watch.event(&WatchEvent::Doing(
+            "searching again beside what the drive's own noise makes",
+        ));
+        grown = grown_from(start, &study)?;
+    }
+    Ok(BesideItsNoise {
+        grown,
+        floor,
+        study,
+        spent,
     })
+}
+
+/// What the quality checks say of the model at the end, or said where a search did not begin.
+fn issues_at_the_end(grown: &mut Grown, floor: &NoiseFloor, study: &Study) -> Vec<Issue> {
+    if !grown.issues.is_empty() {
+        return std::mem::take(&mut grown.issues);
+    }
+    let first = &grown.steps[0].judged;
+    let last = &grown.steps[grown.steps.len() - 1].judged;
+    let mut added = last.model.effect_ids();
+    added.retain(|id| first.model.effect(id).is_none());
+    let end = End {
+        study,
+        noise: floor,
+        first,
+        last,
+        added: &added,
+    };
+    quality::issues(study.dataset, Moment::End(&end))
 }
 
 /// How often a search is begun with another floor: the noise of a drive's column makes something else of
@@ -459,27 +466,23 @@ fn unfitted(start: &Start, study: &Study) -> Grown {
             model
         }
     };
-    Grown {
-        steps: vec![PathStep {
-            change: ModelChange::Start,
-            judged: study.judged(model),
-        }],
-        ..Grown::default()
-    }
+    at(study.judged(model))
 }
 
+/// What a search comes to from a start.
+///
+/// # Errors
+/// A candidate, or the start, that gives something that is no number.
 fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
     match start {
         Start::Effects(effects) => {
             let base = study.build(effects)?;
             require_finite(&base.model, study.dataset, &study.split.both())?;
             match quality::issues(study.dataset, Moment::FirstFit(study, &base)) {
-                issues if issues.is_empty() => grow(
-                    study,
-                    Pool::of(study, &base.model),
-                    &base,
-                    &structure_beside_a_gain(&base.model),
-                ),
+                issues if issues.is_empty() => {
+                    let pool = Pool::of(study, &base.model);
+                    grow(study, pool, &base, &structure_beside_a_gain(&base.model))
+                }
                 issues => Ok(Grown { issues, ..at(base) }),
             }
         }
@@ -488,428 +491,6 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
             grow_from_prior(study, model.clone())
         }
     }
-}
-
-/// A start at which everything ends.
-fn at(judged: Judged) -> Grown {
-    Grown {
-        steps: vec![PathStep {
-            change: ModelChange::Start,
-            judged,
-        }],
-        ..Grown::default()
-    }
-}
-
-/// From where a pool begins to the best that the data support. `loops` is the structure of the loops that
-/// were there before.
-fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Result<Grown> {
-    let mut beside_start = None;
-    let mut search = Search::over(pool);
-    if study.nothing_left(base) && !study.watch.stopped() {
-        // Nothing is left above the noise: only a signature that is there beyond chance is worth a search.
-        let screening = study.weigh(
-            &base.model,
-            &study.candidates_for(&base.model),
-            study.policy.seed,
-        )?;
-        let significant = |e: &ScreeningEvidence| e.p_adjusted <= study.policy.family_wise;
-        let quiet = !screening
-            .scores
-            .iter()
-            .any(|s| s.evidence.as_ref().is_some_and(significant));
-        beside_start = Some(screening);
-        if quiet {
-            return Ok(Grown {
-                beside_start,
-                ..at(base.clone())
-            });
-        }
-    }
-    let (mut closed, mut ablated) = (BTreeSet::new(), BTreeSet::new());
-    let mut minimal;
-    let budget = &study.budget;
-    loop {
-        budget.work.enter(Stage::Search);
-        search.run()?;
-        if search.stopped {
-            return Ok(Grown {
-                stopped: true,
-                beside_start,
-                ..best_so_far(study, &search.pool, base)
-            });
-        }
-        budget.work.enter(Stage::BeginningAgain);
-        begin_again(&mut search.pool)?;
-        let before = search.pool.rank(search.pool.best());
-        minimal = ablate(&mut search, &mut closed, &mut ablated)?;
-        // What came out of single moves around the simplest models, or of a search without one of their
-        // effects, may lead further.
-        let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
-        if !gained
-            || search.out_of_time
-            || study.met(&search.pool.best().judged)
-            || closed.len() >= study.policy.closures_max
-        {
-            break;
-        }
-    }
-    if study.watch.stopped() {
-        return Ok(Grown {
-            stopped: true,
-            beside_start,
-            ..best_so_far(study, &search.pool, base)
-        });
-    }
-    let (ended_early, untested, mut pool) = (search.out_of_time, search.untested, search.pool);
-    budget.work.enter(Stage::Report);
-    study
-        .watch
-        .event(&WatchEvent::Doing("weighing the evidence for each effect"));
-    let weighed = weigh(&mut pool, &mut minimal)?;
-    let [weighed, open] = names_and_open(weighed, Some(&ablated), &study.policy);
-    let simplest: Vec<Entry> = minimal.iter().map(|k| pool.entries[k].clone()).collect();
-    study.watch.event(&WatchEvent::Doing("fitting to the end"));
-    let end = selection::end(&mut pool, &minimal);
-    let mut end_judged = study.judged(end.judged.model.clone());
-    if study.searched_beginnings() {
-        end_judged = with_creep_of_the_whole(study, end_judged);
-    }
-    let origin: Vec<Move> = pool.origin.clone();
-    let added: Vec<String> = end
-        .added()
-        .into_iter()
-        .filter(|id| !origin.contains(&Move::Added(id.clone())))
-        .collect();
-    let finer = |m: &Model| {
-        (
-            finer_hysteresis::description(m),
-            finer_creep::description(m),
-        )
-    };
-    let steps = if added.is_empty() && finer(&base.model) == finer(&end_judged.model) {
-        vec![PathStep {
-            change: ModelChange::Start,
-            judged: base.clone(),
-        }]
-    } else {
-        path::from(study, base, &added, &end_judged)?
-    };
-    if beside_start.is_none() && simplest.first().is_none_or(|e| e.moves == origin) {
-        beside_start = Some(study.weigh(
-            &base.model,
-            &study.candidates_for(&base.model),
-            study.policy.seed,
-        )?);
-    }
-    let loops = other_loops(&simplest, &end_judged.model, loops);
-    let named = with_the_named_alone(study, &simplest, &weighed, &end, &end_judged);
-    Ok(Grown {
-        steps,
-        named,
-        models: kept_models(&simplest),
-        simplest,
-        beside_start,
-        loops,
-        // Without a name nobody knows what a longer search would have found.
-        out_of_time: (untested || ended_early) && weighed.is_empty(),
-        ended_early: ended_early || untested,
-        weighed,
-        open,
-        ..Grown::default()
-    })
-}
-
-/// Closes the pool around the simplest kept models and searches once more without each effect that they would
-/// name, until neither changes them: the keys of these models.
-fn ablate(
-    search: &mut Search,
-    closed: &mut BTreeSet<String>,
-    ablated: &mut BTreeSet<Vec<String>>,
-) -> Result<Vec<String>> {
-    let work = &search.study.budget.work;
-    loop {
-        work.enter(Stage::Closure);
-        let minimal = close(&mut search.pool, closed)?;
-        let open = test_slots(&mut search.pool, &minimal, Fits::ForComparison)
-            .into_iter()
-            .map(|case| case.slot.effects())
-            .find(|ids| !ids.is_empty() && !ablated.contains(ids));
-        let Some(ids) = open.filter(|_| !search.stopped && !search.untested) else {
-            return Ok(minimal);
-        };
-        work.enter(Stage::Ablation);
-        search
-            .study
-            .watch
-            .event(&WatchEvent::Doing("searching without what would be named"));
-        let from = search.pool.entries[&minimal[0]].clone();
-        if search.run_without(&ids, &from)? {
-            ablated.insert(ids);
-        } else {
-            search.untested = true;
-        }
-    }
-}
-
-/// The model with the named effects and no others, fitted to its end; none where that is the model at the end.
-fn with_the_named_alone(
-    study: &Study,
-    simplest: &[Entry],
-    weighed: &[Weighed],
-    end: &Entry,
-    end_judged: &Judged,
-) -> Option<Judged> {
-    let simplest = simplest.first()?;
-    let is_named = |id: &String| weighed.iter().any(|w| w.slot.effects().contains(id));
-    let denied: Vec<String> = simplest
-        .added()
-        .into_iter()
-        .filter(|id| !is_named(id))
-        .collect();
-    if denied.is_empty() && simplest.moves == end.moves {
-        return Some(end_judged.clone());
-    }
-    let less = |model: Model, id: &String| study.without(&model, id);
-    let model = denied.iter().fold(simplest.judged.model.clone(), less);
-    Some(study.thoroughly(&model))
-}
-
-/// The best model of a pool with each effect that has several initial guesses begun again beside the others.
-fn begin_again(pool: &mut Pool) -> Result<()> {
-    let (study, best) = (pool.study, pool.best().clone());
-    if best.moves == pool.origin
-        || study.met(&best.judged)
-        || study.watch.stopped()
-        || study.budget.is_over()
-    {
-        return Ok(());
-    }
-    study
-        .watch
-        .event(&WatchEvent::Doing("beginning values again"));
-    let again = study.begun_again(&best.judged)?;
-    pool.keep(Entry::new(study, best.moves, again, true));
-    Ok(())
-}
-
-/// The simplest models as they are written: of those with the same moves the best.
-fn kept_models(simplest: &[Entry]) -> Vec<KeptModel> {
-    let mut out: Vec<KeptModel> = Vec::new();
-    for entry in simplest {
-        let effects: Vec<String> = entry.moves.iter().map(|m| m.effect().to_owned()).collect();
-        if out.iter().all(|m| m.effects != effects) {
-            out.push(KeptModel {
-                effects,
-                rms_um: Residuals::of(&entry.judged),
-            });
-        }
-    }
-    out
-}
-
-/// How the loops at the end are described and those of other simplest models, where they are not of the
-/// structure that was there before. In the place of a gain loops are an effect that was added, and named as
-/// one.
-fn other_loops(simplest: &[Entry], end: &Model, before: &Option<String>) -> Vec<String> {
-    let Some(before) = before else {
-        return Vec::new();
-    };
-    if structure(end).as_ref() == Some(before) {
-        return Vec::new();
-    }
-    let mut out = vec![finer_hysteresis::description(end)];
-    for other in simplest
-        .iter()
-        .filter(|e| structure(&e.judged.model) != structure(end))
-    {
-        let description = finer_hysteresis::description(&other.judged.model);
-        if !out.contains(&description) {
-            out.push(description);
-        }
-    }
-    out
-}
-
-/// Where the caller wanted the best so far.
-fn best_so_far(study: &Study, pool: &Pool, base: &Judged) -> Grown {
-    let best = pool.best();
-    let judged = study.judged(best.judged.model.clone());
-    let change = if best.added().is_empty() {
-        ModelChange::FittedAgain
-    } else {
-        ModelChange::AddedUnweighed(best.added())
-    };
-    Grown {
-        steps: vec![
-            PathStep {
-                change: ModelChange::Start,
-                judged: base.clone(),
-            },
-            PathStep { change, judged },
-        ],
-        ..Grown::default()
-    }
-}
-
-/// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not
-/// see the slow terms.
-fn with_creep_of_the_whole(study: &Study, found: Judged) -> Judged {
-    let mut best = found;
-    while !study.met(&best) && !study.watch.stopped() {
-        let finer = parallel::map(&study.finer_creep(&best.model), |begin| {
-            study.thoroughly(begin)
-        });
-        let least = study.merit(&best) - study.policy.least_gain;
-        let better = finer.into_iter().filter(|one| study.merit(one) < least);
-        let Some(better) = better.min_by(|a, b| study.merit(a).total_cmp(&study.merit(b))) else {
-            break;
-        };
-        best = better;
-    }
-    best
-}
-
-/// From a prior model.
-fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
-    let base = study.judged(model);
-    let of_the_model = quality::issues(study.dataset, Moment::PriorModel(study, &base));
-    if !of_the_model.is_empty() {
-        return Ok(Grown {
-            issues: of_the_model,
-            ..at(base)
-        });
-    }
-    let compared = prior::compare(study, base)?;
-    let issues = quality::issues(study.dataset, Moment::FirstFit(study, &compared.refitted));
-    if !issues.is_empty() {
-        return Ok(Grown {
-            issues,
-            ..at(compared.refitted)
-        });
-    }
-    let loops = structure_beside_a_gain(&compared.base.model);
-    if compared.at_home || study.watch.stopped() {
-        return grow(
-            study,
-            Pool::of(study, &compared.base.model),
-            &compared.base,
-            &loops,
-        );
-    }
-    let prior::Compared {
-        base,
-        refitted,
-        mut pool,
-        mut minimal,
-        ..
-    } = compared;
-    let simplest = minimal
-        .first()
-        .map(|k| pool.entries[k].clone())
-        .filter(|e| e.held);
-    let mut steps = vec![PathStep {
-        change: ModelChange::Start,
-        judged: base.clone(),
-    }];
-    let (moves, fitted) = match &simplest {
-        Some(entry) => {
-            let told = study.judged(prior::all_free(&entry.judged.model, &base.model));
-            let changed = entry.moves.iter().map(|m| match m {
-                Move::Added(id) => ModelChange::Added(id.clone()),
-                Move::Freed(id) => ModelChange::Changed(id.clone()),
-            });
-            steps.extend(changed.map(|change| PathStep {
-                change,
-                judged: told.clone(),
-            }));
-            let again = study.thoroughly(&told.model);
-            // Values that this recording does not fix are better where they were identified than where its
-            // noise would bring them: the held-out records decide.
-            let met_better = study.merit(&again) <= study.merit(&told)
-                && again.validate_rms_um <= told.validate_rms_um;
-            (entry.moves.clone(), if met_better { again } else { told })
-        }
-        None => (Vec::new(), refitted),
-    };
-    steps.push(PathStep {
-        change: ModelChange::FittedAgain,
-        judged: fitted.clone(),
-    });
-    let all_freed = base.model.effects.iter().map(|e| Move::Freed(e.id.clone()));
-    let mut origin: Vec<Move> = moves
-        .iter()
-        .filter(|m| matches!(m, Move::Added(_)))
-        .cloned()
-        .chain(all_freed)
-        .collect();
-    origin.sort();
-    // Far above the noise, or where nobody knows it, the prior model left as much at home, and the question
-    // was what the new recording has.
-    let goes_on = study.floor_um.is_some()
-        && !study.met(&fitted)
-        && (study.near_the_noise(&fitted) || simplest.is_none());
-    let mut grown = Grown {
-        stopped: study.watch.stopped(),
-        ..Grown::default()
-    };
-    if goes_on && !grown.stopped {
-        pool.keep(Entry {
-            extended: false,
-            ..Entry::new(
-                study,
-                origin.clone(),
-                study.judged_quickly(fitted.model.clone()),
-                true,
-            )
-        });
-        if let Some(start) = pool.entries.values_mut().find(|e| e.moves == origin) {
-            start.extended = false;
-        }
-        pool.origin = origin;
-        let tried: Vec<Entry> = pool
-            .entries
-            .values()
-            .filter(|e| e.held && e.moves.len() == 1)
-            .cloned()
-            .collect();
-        grown = grow(study, pool, &fitted, &loops)?;
-        steps.extend(grown.steps.drain(..).skip(1));
-        grown.tried = tried;
-    } else {
-        let weighed = weigh(&mut pool, &mut minimal)?;
-        [grown.weighed, grown.open] = names_and_open(weighed, None, &study.policy);
-        grown.simplest = minimal.iter().map(|k| pool.entries[k].clone()).collect();
-        grown.models = kept_models(&grown.simplest);
-        grown.tried = pool
-            .entries
-            .values()
-            .filter(|e| e.held && e.moves.len() == 1)
-            .cloned()
-            .collect();
-    }
-    // A new fit of everything is no value that has changed.
-    let told = grown.simplest.first().filter(|e| e.held);
-    grown.changed = told.map_or_else(Vec::new, |entry| {
-        let moved = grown.weighed.iter().filter_map(|w| w.slot.moves.first());
-        let freed = moved.filter_map(|m| {
-            if let Move::Freed(id) = m {
-                Some(id)
-            } else {
-                None
-            }
-        });
-        freed
-            .flat_map(|id| prior::changes(study, id, &base.model, &entry.judged.model))
-            .collect()
-    });
-    if told.is_none() {
-        grown
-            .weighed
-            .retain(|w| w.slot.moves.iter().any(|m| matches!(m, Move::Added(_))));
-    }
-    grown.steps = steps;
-    Ok(grown)
 }
 
 /// Adds the converter that the readings themselves show. It explains part of the noise, not of the error:

@@ -63,7 +63,7 @@ pub fn run(request: &Request) -> Result<(), String> {
         request.rules.is_empty() || request.rules.iter().any(|name| name == rule)
     });
     let mut table =
-        String::from("without,set,cases,right,in_set,missed,wrong_or,wrong,processor_s\n");
+        String::from("without,set,cases,right,in_set,long_or,missed,wrong_or,wrong,processor_s\n");
     for (rule, off) in std::iter::once(&("", "")).chain(wanted) {
         let name = if rule.is_empty() { "nothing" } else { rule };
         let told = |e: std::io::Error| format!("{}: {e}", folder.display());
@@ -86,7 +86,7 @@ pub fn run(request: &Request) -> Result<(), String> {
                 .collect();
             let count = |mark: &str| ran.iter().filter(|row| row.mark == mark).count();
             let processor_s: f64 = ran.iter().map(|row| row.processor_s).sum();
-            let counts = ["right", "in set", "missed", "wrong or", "wrong"]
+            let counts = ["right", "in set", "long or", "missed", "wrong or", "wrong"]
                 .map(|mark| count(mark).to_string())
                 .join(",");
             let _ = writeln!(

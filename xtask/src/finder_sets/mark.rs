@@ -1,8 +1,8 @@
-//! How an answer compares with what is true. A name too many is wrong, an "or" among many says nothing.
+//! How an answer compares with what is true. A name too many is wrong, an "or" among many says little.
 
 use super::answer::FinderAnswer;
 
-/// An "or" of more effects than this is no answer.
+/// An "or" of more effects than this says little.
 const SET_MAX: usize = 3;
 /// Structures of hysteresis: loops of any are what a model without hysteresis misses.
 pub const LOOPS: [&str; 7] = [
@@ -38,6 +38,8 @@ pub enum Mark {
     Right,
     /// Within an "or".
     InSet,
+    /// Within an "or" of more than three.
+    LongOr,
     /// Nothing is named, and the fitted model leaves no more than the noise: nobody could.
     Absorbed,
     /// Not named, or not all of it.
@@ -56,6 +58,7 @@ impl Mark {
         match self {
             Self::Right => "right",
             Self::InSet => "in set",
+            Self::LongOr => "long or",
             Self::Absorbed => "absorbed",
             Self::Missed => "missed",
             Self::WrongOr => "wrong or",
@@ -67,6 +70,15 @@ impl Mark {
 
 fn same(said: &str, of: &str) -> bool {
     said == of || (of == LOOPS[0] && LOOPS.contains(&said))
+}
+
+/// What is true stands among so many.
+fn found(alternatives: usize) -> Mark {
+    match alternatives {
+        1 => Mark::Right,
+        2..=SET_MAX => Mark::InSet,
+        _ => Mark::LongOr,
+    }
 }
 
 /// Marks an answer; `at_the_noise` says whether the fitted first model leaves no more than the noise, where
@@ -104,16 +116,14 @@ pub fn mark(
         },
         CaseTruth::Missing(missing, also) => {
             let is_true = |id: &String| missing.iter().chain(also).any(|of| same(id, of));
-            let holds = |of: &String, group: &&Vec<String>| {
-                group.len() <= SET_MAX && group.iter().any(|said| same(said, of))
-            };
+            let holds = |of: &String, group: &&Vec<String>| group.iter().any(|said| same(said, of));
             let all_there = missing
                 .iter()
                 .all(|of| answer.groups.iter().any(|group| holds(of, &group)));
+            let longest = answer.groups.iter().map(Vec::len).max().unwrap_or(0);
             match wrong_where(&is_true) {
                 Some(wrong) => wrong,
-                None if all_there && answer.groups.iter().all(|g| g.len() == 1) => Mark::Right,
-                None if all_there => Mark::InSet,
+                None if all_there => found(longest),
                 None if answer.verdict == "at_floor" && at_the_noise()? => Mark::Absorbed,
                 None => Mark::Missed,
             }
@@ -130,8 +140,7 @@ pub fn mark(
             match groups.iter().find(|g| g.iter().any(is_right)) {
                 // A name beside the right one that nothing was done for is wrong all the same.
                 _ if groups.iter().any(|g| g.len() == 1 && foreign(&g)) => Mark::Wrong,
-                Some(group) if group.len() == 1 => Mark::Right,
-                Some(_) => Mark::InSet,
+                Some(group) => found(group.len()),
                 None if groups.iter().any(|g| foreign(&g)) => Mark::WrongOr,
                 None if answer.verdict == "at_floor" && at_the_noise()? => Mark::Absorbed,
                 None => Mark::Missed,
@@ -162,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_too_many_is_wrong_and_a_long_or_says_nothing() {
+    fn a_name_too_many_is_wrong_and_a_long_or_says_little() {
         let missing = |ids: &[&str]| {
             CaseTruth::Missing(ids.iter().map(|id| (*id).to_owned()).collect(), Vec::new())
         };
@@ -192,7 +201,7 @@ mod tests {
                 &[&["a", "b", "c", "creep"]],
                 &missing(&["creep"])
             ),
-            Mark::Missed
+            Mark::LongOr
         );
         assert_eq!(
             marked("named", &[&["creep"]], &missing(&["creep", "delay"])),

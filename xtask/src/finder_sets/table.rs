@@ -75,7 +75,7 @@ fn got(set: &Set, rows: &[&ResultRow]) -> String {
                 count(&["right"]),
                 count(&["right", "in set", "absorbed"])
             );
-            for word in ["missed", "wrong or", "wrong"] {
+            for word in ["long or", "missed", "wrong or", "wrong"] {
                 let _ = write!(out, ", {word} {}", count(&[word]));
             }
             out

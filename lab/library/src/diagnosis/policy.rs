@@ -79,7 +79,7 @@ pub struct Policy {
     /// Models whose merit is worse by more than this and the margin are not compared by test: a fit that went
     /// as far as these does not come to it.
     pub in_contention: f64,
-    /// An "or" of more effects than this names none of them.
+    /// An "or" of more effects than this names none of them: five delay a slow motion alike.
     pub alternatives_max: usize,
     /// Models with the same number of moves that are compared by test, at most.
     pub compared_of_a_level: usize,
@@ -181,7 +181,7 @@ impl Default for Policy {
             matters_at_noise: 0.04,
             matters_of_remainder: 1.0,
             in_contention: 0.25,
-            alternatives_max: 3,
+            alternatives_max: 5,
             compared_of_a_level: 4,
             closed_around: 1,
             closures_max: 4,

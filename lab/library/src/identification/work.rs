@@ -130,6 +130,15 @@ impl Work {
         self.add(coefficients as u64 * samples(model, record));
     }
 
+    /// Adds what was counted elsewhere, stage by stage.
+    pub fn take_in(&self, other: &Self) {
+        for (own, others) in self.counts.steps.iter().zip(&other.counts.steps) {
+            for (own, others) in own.iter().zip(others) {
+                own.fetch_add(others.load(Ordering::Relaxed), Ordering::Relaxed);
+            }
+        }
+    }
+
     /// Simulates, and counts the pieces in which forces on the mass were followed.
     pub fn counting_forces<R>(&self, simulate: impl FnOnce() -> R) -> R {
         let before = pieces_followed();

@@ -13,6 +13,8 @@ use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
 use crate::watch::WatchEvent;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::delay;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
@@ -63,6 +65,9 @@ fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue
 /// # Errors
 /// As [`Study::begun_again`].
 fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Issue>> {
+    if has_the_period(&found.model) {
+        return Ok(None);
+    }
     let unexplained = study.floor_um.is_some()
         && !found.within(study.policy.explained, &study.floors_um, &study.split);
     let as_it_is = (unexplained && !added.is_empty()).then(Vec::new);
@@ -113,6 +118,14 @@ fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Iss
             without.error_um(),
         )
     }))
+}
+
+/// The drive of the same row is the drive of the row before with a period less of delay. A model that delays
+/// it chose that already.
+fn has_the_period(model: &Model) -> bool {
+    model
+        .effect(delay::ID)
+        .is_some_and(|e| e.values().iter().any(|delay_s| *delay_s > 0.0))
 }
 
 /// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less
