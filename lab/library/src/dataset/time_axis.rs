@@ -93,7 +93,7 @@ impl TimeAxis {
             return known.wrong(1, format!("time {start_s} s does not increase"));
         }
         let even = |period_s: f64, note, plan| Self {
-            sample_rate_hz: 1.0 / period_s,
+            sample_rate_hz: without_rounding(1.0 / period_s),
             start_s,
             note,
             plan,
@@ -204,6 +204,11 @@ fn even_period(t_s: &[f64], known: &StampContext) -> Result<Option<f64>> {
         }
         _ => Ok(None),
     }
+}
+
+/// A rate to twelve digits: differences of time stamps make 49999.99999999999 Hz of 50 kHz.
+fn without_rounding(hz: f64) -> f64 {
+    format!("{hz:.11e}").parse().unwrap_or(hz)
 }
 
 /// The step in which stamps are written, if that alone makes them uneven.
@@ -424,6 +429,15 @@ mod tests {
             message.contains("1.0e10 samples per second") && message.contains("--units t=s"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn a_round_rate_is_found_as_it_is() {
+        let at_50_khz: Vec<f64> = (0..127_501).map(|k| k as f64 / 50_000.0).collect();
+        let shifted: Vec<f64> = at_50_khz.iter().map(|t| t + 0.1).collect();
+        for t_s in [at_50_khz, shifted] {
+            assert_eq!(axis(&t_s, None, None).unwrap().sample_rate_hz, 50_000.0);
+        }
     }
 
     #[test]
