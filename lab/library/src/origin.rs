@@ -60,7 +60,8 @@ pub fn note_origin(model: &mut Model, dataset: &Dataset, fitted: &[usize]) {
             start_of(model, &whole(dataset, records))
         }),
     };
-    let (seconds, slope_max_v_s) = (most(&|r| r.window.end as f64 * r.dt_s()), most(&slope));
+    let seconds = most(&|r| r.drive_v.len() as f64 * r.dt_s());
+    let slope_max_v_s = most(&slope);
     let low_v = -most(&|r| -extremes(&r.drive_v[..r.window.end]).0);
     let high_v = most(&|r| extremes(&r.drive_v[..r.window.end]).1);
     let known = Arc::make_mut(model.identified.get_or_insert_default());

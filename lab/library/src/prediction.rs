@@ -96,13 +96,11 @@ fn half_band_um(
     };
     let lasts_s = drive.drive_v.len() as f64 * drive.dt_s;
     let mut creeps = vec![0.0; base_um.len()];
+    // For as long as the records last they would have shown such creep.
+    let shown = ((known.seconds / drive.dt_s) as usize).min(base_um.len());
     for more in unseen_creep(model, known.seconds, lasts_s) {
         let moved = more.before_rounding().simulate(drive);
-        let differs = moved.iter().zip(base_um).map(|(a, b)| (a - b).powi(2));
-        creeps
-            .iter_mut()
-            .zip(differs)
-            .for_each(|(sum, d)| *sum += d);
+        (shown..base_um.len()).for_each(|k| creeps[k] += (moved[k] - base_um[k]).powi(2));
     }
     let beyond_um = beyond_range_um(model, known, drive, base_um);
     let half = |k: usize| {

@@ -8,7 +8,7 @@ use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::path::{self, ModelChange, PathStep};
 use crate::diagnosis::pool::{Entry, Move, Pool};
 use crate::diagnosis::screening::{Screening, ScreeningEvidence};
-use crate::diagnosis::search::{Search, structure};
+use crate::diagnosis::search::{Search, structure, structure_beside_a_gain};
 use crate::diagnosis::selection;
 use crate::diagnosis::study::Study;
 use crate::error::Result;
@@ -16,8 +16,10 @@ use crate::identification::work::Stage;
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::outcome::{ChangedValue, KeptModel, Residuals};
 use crate::parallel;
+use crate::quality::{self, Moment};
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::vibration;
 use std::collections::BTreeSet;
 
 /// What a search came to, however it began.
@@ -89,12 +91,21 @@ pub fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) ->
         }
     }
     let (origin, mut search) = (pool.origin.clone(), Search::over(pool));
-    let Some(found) = searched(&mut search)? else {
-        return Ok(Grown {
-            stopped: true,
-            beside_start,
-            ..best_so_far(study, &search.pool, base)
-        });
+    let found = match searched(&mut search)? {
+        Ended::Found(found) => found,
+        Ended::Doubted(issues) => {
+            return Ok(Grown {
+                issues,
+                ..at(base.clone())
+            });
+        }
+        Ended::Stopped => {
+            return Ok(Grown {
+                stopped: true,
+                beside_start,
+                ..best_so_far(study, &search.pool, base)
+            });
+        }
     };
     let grown = end(study, search, found, base, loops)?;
     let ends_at_start = grown.simplest.first().is_none_or(|e| e.moves == origin);
@@ -121,15 +132,37 @@ struct Simplest {
     ablated: BTreeSet<Vec<String>>,
 }
 
-/// Searches, closes and ablates until nothing better comes or the budget ends; none where the caller wanted
-/// the best so far.
-fn searched(search: &mut Search) -> Result<Option<Simplest>> {
+/// How a search ended.
+enum Ended {
+    Found(Simplest),
+    /// A quality check blocks what it found so far.
+    Doubted(Vec<Issue>),
+    /// The caller wanted the best so far.
+    Stopped,
+}
+
+/// Searches, closes and ablates until nothing better comes or the budget ends.
+fn searched(search: &mut Search) -> Result<Ended> {
     let (study, mut closed, mut ablated) = (search.study, BTreeSet::new(), BTreeSet::new());
+    // Asked once: a drive that acts otherwise between its samples makes a long search of nothing.
+    let (mut is_asked, mut issues) = (false, Vec::new());
+    let mut is_in_doubt = |best: &Judged| {
+        let has_both = structure_beside_a_gain(&best.model).is_some()
+            && best.model.effect(vibration::ID).is_some();
+        if has_both && !is_asked && !study.near_the_noise(best) {
+            is_asked = true;
+            issues = quality::issues(study.dataset, Moment::LoopsAndMode(study, best));
+        }
+        !issues.is_empty()
+    };
     loop {
         study.budget.work.enter(Stage::Search);
-        search.run()?;
+        search.run(&mut is_in_doubt)?;
+        if is_in_doubt(&search.pool.best().judged) {
+            return Ok(Ended::Doubted(issues));
+        }
         if search.stopped {
-            return Ok(None);
+            return Ok(Ended::Stopped);
         }
         study.budget.work.enter(Stage::BeginningAgain);
         begin_again(&mut search.pool)?;
@@ -143,7 +176,11 @@ fn searched(search: &mut Search) -> Result<Option<Simplest>> {
             || study.met(&search.pool.best().judged)
             || closed.len() >= study.policy.closures_max;
         if ends {
-            return Ok((!study.watch.stopped()).then_some(Simplest { keys, ablated }));
+            return Ok(if study.watch.stopped() {
+                Ended::Stopped
+            } else {
+                Ended::Found(Simplest { keys, ablated })
+            });
         }
     }
 }

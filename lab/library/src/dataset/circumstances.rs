@@ -1,6 +1,6 @@
-//! Under which circumstances a stage is seen: voltage, height and duration of the way between two turns, its
-//! fastest part, time at a level, and the first way to a voltage. What is held out judges a model where these
-//! were fitted; beyond them it shows how the model extrapolates.
+//! Under which circumstances a stage is seen: voltage, up or down, height and duration of the way since the
+//! last turn, its fastest part, time at a level, and the first way to a voltage. What is held out judges a
+//! model where these were fitted; beyond them it shows how the model extrapolates.
 
 use crate::statistics::peak_to_peak;
 use std::ops::Range;
@@ -25,11 +25,12 @@ const NOTHING_NEW: f64 = 0.95;
 #[derive(Clone, Copy, Debug)]
 struct Circumstance {
     level_v: f64,
-    /// Height of the way between the turns around the sample, V.
+    /// Height of the way from the last turn to the sample, V, and its direction: that of the way to the next.
     height_v: f64,
-    /// Duration of that way, s.
+    rises: bool,
+    /// Duration of the way from turn to turn, s.
     duration_s: f64,
-    /// Samples in which it goes by [`ALIKE`] where it is fastest.
+    /// Samples in which it has gone by [`ALIKE`] where it was fastest.
     fastest: usize,
     /// Time for which the drive has stayed at the level, s.
     held_s: f64,
@@ -43,7 +44,9 @@ pub struct Circumstances(Vec<Circumstance>);
 /// Limits of the circumstances that were fitted.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitted {
-    levels_v: (f64, f64),
+    /// Falling and rising.
+    levels_v: [(f64, f64); 2],
+    range_v: f64,
     first_v: (f64, f64),
     highest_v: f64,
     shortest_s: f64,
@@ -68,6 +71,7 @@ impl Circumstances {
             out.push(Circumstance {
                 level_v,
                 height_v: 0.0,
+                rises: true,
                 duration_s: f64::INFINITY,
                 fastest: usize::MAX,
                 held_s: (k - held.0) as f64 / sample_rate_hz,
@@ -81,12 +85,14 @@ impl Circumstances {
         ends.insert(0, 0);
         ends.push(drive_v.len().saturating_sub(1));
         for way in ends.windows(2) {
-            let height_v = (drive_v[way[1]] - drive_v[way[0]]).abs();
-            let fastest = fastest(&drive_v[way[0]..=way[1]], ALIKE * peak_to_peak(drive_v));
-            for one in &mut out[way[0]..=way[1]] {
-                one.height_v = one.height_v.max(height_v);
-                one.duration_s = (way[1] - way[0]) as f64 / sample_rate_hz;
-                one.fastest = fastest;
+            let way = way[0]..way[1] + 1;
+            let from_v = drive_v[way.start];
+            let rises = drive_v[way.end - 1] > from_v;
+            let fastest = fastest(&drive_v[way.clone()], ALIKE * peak_to_peak(drive_v));
+            let duration_s = (way.len() - 1) as f64 / sample_rate_hz;
+            for (one, fastest) in out[way].iter_mut().zip(fastest) {
+                one.height_v = (one.level_v - from_v).abs();
+                (one.rises, one.duration_s, one.fastest) = (rises, duration_s, fastest);
             }
         }
         Self(out)
@@ -117,7 +123,8 @@ impl Circumstances {
     pub fn limits<'c>(parts: impl IntoIterator<Item = (&'c Self, Vec<usize>)>) -> Fitted {
         let nothing = (f64::INFINITY, f64::NEG_INFINITY);
         let mut out = Fitted {
-            levels_v: nothing,
+            levels_v: [nothing; 2],
+            range_v: 0.0,
             first_v: nothing,
             highest_v: 0.0,
             shortest_s: f64::INFINITY,
@@ -127,7 +134,8 @@ impl Circumstances {
         for (all, samples) in parts {
             for one in samples.into_iter().map(|k| &all.0[k]) {
                 let wider = |of: (f64, f64)| (of.0.min(one.level_v), of.1.max(one.level_v));
-                out.levels_v = wider(out.levels_v);
+                let levels_v = &mut out.levels_v[usize::from(one.rises)];
+                *levels_v = wider(*levels_v);
                 if one.is_first {
                     out.first_v = wider(out.first_v);
                 }
@@ -137,6 +145,8 @@ impl Circumstances {
                 out.held_s = out.held_s.max(one.held_s);
             }
         }
+        let [falling, rising] = out.levels_v;
+        out.range_v = (falling.1.max(rising.1) - falling.0.min(rising.0)).max(0.0);
         out
     }
 }
@@ -146,10 +156,10 @@ impl Fitted {
     #[must_use]
     pub fn covers(&self, all: &Circumstances, sample: usize) -> bool {
         let one = &all.0[sample];
-        let alike_v = ALIKE * (self.levels_v.1 - self.levels_v.0);
+        let alike_v = ALIKE * self.range_v;
         let within =
             |of: (f64, f64)| one.level_v >= of.0 - alike_v && one.level_v <= of.1 + alike_v;
-        within(self.levels_v)
+        within(self.levels_v[usize::from(one.rises)])
             && (!one.is_first || within(self.first_v))
             && one.height_v <= self.highest_v + alike_v
             && one.duration_s * ALIKE_IN_TIME >= self.shortest_s
@@ -159,21 +169,18 @@ impl Fitted {
     }
 }
 
-/// The fewest samples in which a drive between two turns goes by a voltage.
-fn fastest(way_v: &[f64], by_v: f64) -> usize {
-    let mut end = 0;
-    let mut out = usize::MAX;
-    for (start, from_v) in way_v.iter().enumerate() {
-        end = end.max(start);
-        while end < way_v.len() && (way_v[end] - from_v).abs() < by_v {
-            end += 1;
+/// The fewest samples in which a drive between two turns has gone by a voltage so far, sample by sample.
+fn fastest(way_v: &[f64], by_v: f64) -> Vec<usize> {
+    let mut fewest = usize::MAX;
+    let mut start = 0;
+    let so_far = way_v.iter().enumerate().map(|(end, to_v)| {
+        while start < end && (to_v - way_v[start]).abs() >= by_v {
+            fewest = fewest.min(end - start);
+            start += 1;
         }
-        if end == way_v.len() {
-            break;
-        }
-        out = out.min(end - start);
-    }
-    out
+        fewest
+    });
+    so_far.collect()
 }
 
 /// Samples and voltages at which the drive turns and goes back by more than a voltage.
@@ -218,6 +225,14 @@ mod tests {
         assert!(!covered(&faster, 0..2000, 3000) && covered(&faster, 2000..4000, 1000));
         let held = [sine(2000, 2.0, 80.0), vec![0.0; 500], sine(500, 2.0, 80.0)].concat();
         assert!(!covered(&held, 0..2000, 2450) && covered(&held, 0..2450, 2950));
+    }
+
+    #[test]
+    fn a_cut_way_shows_its_part_only_and_no_way_back() {
+        let cut_while_rising = |sample: usize| covered(&sine(2000, 2.0, 80.0), 0..200, sample);
+        assert!(cut_while_rising(190) && cut_while_rising(650));
+        // Near the top, and on the way down.
+        assert!(!cut_while_rising(245) && !cut_while_rising(350));
     }
 
     /// Steps up and down between holds as long as half a period.

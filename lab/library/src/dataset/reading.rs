@@ -1,6 +1,7 @@
 //! Data sets from the bytes of files: a manifest with the files that it names, or one file of numbers alone.
 
 use super::behaviour::rows_between_news;
+use super::circumstances::SEARCHED_SAMPLES;
 use super::column_rules::ColumnRules;
 use super::data_set::{Dataset, SAMPLES_MIN};
 use super::even_signals::Even;
@@ -351,8 +352,9 @@ pub fn from_file(place: &str, bytes: &[u8]) -> Result<Dataset> {
 /// As [`from_file`].
 pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> Result<Dataset> {
     let even = even_signals_of_file(place, bytes, instructions)?;
+    let (even, is_thinned) = even.thinned(SEARCHED_SAMPLES);
     let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
-    of_files(vec![(place, even, parts)], instructions)
+    of_files(vec![(place, even, parts)], is_thinned, instructions)
 }
 
 /// Two files without a manifest: the first is fitted, and the second judges. Each is a place and its bytes.
@@ -364,13 +366,15 @@ pub fn from_two_files_as(
     held_out: (&str, &[u8]),
     instructions: &Instructions,
 ) -> Result<Dataset> {
-    let mut files = Vec::new();
+    let (mut files, mut some_thinned) = (Vec::new(), false);
     for ((place, bytes), role) in [(fitted, Role::Identify), (held_out, Role::Validate)] {
         let even = even_signals_of_file(place, bytes, instructions)?;
+        let (even, is_thinned) = even.thinned(SEARCHED_SAMPLES);
+        some_thinned |= is_thinned;
         let parts = one_recording::undivided(&even.u_v, &even.y_um, even.sample_rate_hz, role);
         files.push((place, even, parts));
     }
-    of_files(files, instructions)
+    of_files(files, some_thinned, instructions)
 }
 
 /// The signals of a file, of which there are enough.
@@ -397,8 +401,12 @@ fn even_signals_of_file(place: &str, bytes: &[u8], instructions: &Instructions) 
     Ok(even)
 }
 
-/// A data set of files whose parts are known.
-fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Result<Dataset> {
+/// A data set of files whose parts are known; between samples that were thinned the drive runs straight.
+fn of_files(
+    files: Vec<(&str, Even, Parts)>,
+    some_thinned: bool,
+    instructions: &Instructions,
+) -> Result<Dataset> {
     let (place, units) = (files[0].0, files[0].1.units.clone());
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     let (mut records, mut notes) = (Vec::new(), Vec::new());
@@ -449,7 +457,7 @@ fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Res
         "limits of the drive taken from the {of_these}: {low_v} to {high_v} V; {state}"
     ));
     let shown = timed(&mut records, instructions.timing, instructions.intersample);
-    Dataset {
+    let dataset = Dataset {
         timing: shown.timing,
         timing_is_assumed: shown.is_assumed,
         intersample_is_assumed: instructions.intersample.is_none(),
@@ -464,7 +472,12 @@ fn of_files(files: Vec<(&str, Even, Parts)>, instructions: &Instructions) -> Res
         notes,
         issues: shown.issue.into_iter().collect(),
     }
-    .checked()
+    .checked()?;
+    Ok(if some_thinned && instructions.intersample.is_none() {
+        dataset.running_on(Intersample::Linear)
+    } else {
+        dataset
+    })
 }
 
 /// The drive of one file: of a recording the one that [`from_file_as`] takes, else its columns t and u.

@@ -13,6 +13,7 @@
 //! kind that comes near the best has a beam of its own. A structure that takes long comes far above the noise
 //! only, once there are loops or nothing else helps.
 
+use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
 use super::study::{FAR_BEHIND, Study};
@@ -97,11 +98,11 @@ impl<'s, 'a> Search<'s, 'a> {
         }
     }
 
-    /// Rounds of extension until nothing better comes.
+    /// Rounds of extension until nothing better comes, or until the recording is in doubt beside the best model.
     ///
     /// # Errors
     /// A candidate that gives something that is no number.
-    pub fn run(&mut self) -> Result<()> {
+    pub fn run(&mut self, is_in_doubt: &mut dyn FnMut(&Judged) -> bool) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
         for _ in 0..policy.effects_max + policy.rounds_without_gain_far_above {
@@ -136,6 +137,9 @@ impl<'s, 'a> Search<'s, 'a> {
             }
             self.fit(proposals);
             self.pool.compare_best();
+            if is_in_doubt(&self.pool.best().judged) {
+                return Ok(());
+            }
             let gained = before - self.pool.rank(self.pool.best()) > policy.least_gain;
             without_gain = if gained { 0 } else { without_gain + 1 };
         }

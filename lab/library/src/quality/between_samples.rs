@@ -3,13 +3,15 @@
 //! A converter holds its output, a measured drive runs on. All that a stage adds to a held drive (loops,
 //! creep, lags) comes later; a drive that runs on is half a period earlier at every frequency, and nothing in
 //! the library makes up for that. A search that begins with the wrong way takes up the half period with loops
-//! and filters, and is long. So the first fit is tried with a mode and each way of the drive, where nobody
-//! specified one, and at the end of a search its model with a mode once more.
+//! and filters, and is long. So each way of the drive is tried, where nobody specified one: beside the first
+//! fit with a mode, beside the first model of a search that has loops and a mode, and at its end where there
+//! are no loops.
 
 use super::subject::{Moment, Subject};
 use crate::dataset::Dataset;
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::diagnosis::judgement::Judged;
+use crate::diagnosis::search::structure_beside_a_gain;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::identification::fit::rms;
 use crate::parallel;
@@ -32,7 +34,14 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
                 .into_iter()
                 .collect()
         }
-        Moment::End(end) if subject.dataset.timing_is_assumed => {
+        Moment::LoopsAndMode(study, best) if subject.dataset.timing_is_assumed => {
+            compare(study, best).into_iter().collect()
+        }
+        // With loops it was asked before, or they came near the noise at once.
+        Moment::End(end)
+            if subject.dataset.timing_is_assumed
+                && structure_beside_a_gain(&end.last.model).is_none() =>
+        {
             compare(end.study, end.last).into_iter().collect()
         }
         _ => Vec::new(),

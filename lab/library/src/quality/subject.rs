@@ -23,6 +23,8 @@ pub enum Moment<'a> {
     PriorModel(&'a Study<'a>, &'a Judged),
     /// The first fitted model.
     FirstFit(&'a Study<'a>, &'a Judged),
+    /// The first model of a search that is the best with loops and a mode, far above the noise.
+    LoopsAndMode(&'a Study<'a>, &'a Judged),
     /// After the search.
     End(&'a End<'a>),
 }

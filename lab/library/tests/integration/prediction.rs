@@ -62,8 +62,19 @@ fn driven(drive_v: &[f64]) -> Drive<'_> {
 }
 
 fn identified(i: usize) -> Model {
+    identified_before_a_rest(i, 0).0
+}
+
+/// A model of records that end in so many samples of rest, which no fit has seen, and the drive of the first.
+fn identified_before_a_rest(i: usize, rest: usize) -> (Model, Vec<f64>) {
+    let drive_of = |seed: usize| {
+        let mut drive_v = steps(SECONDS, 0.7, seed);
+        drive_v.resize(drive_v.len() + rest, drive_v[drive_v.len() - 1]);
+        drive_v
+    };
     let record = |name: &str, role: Role, seed: usize| {
-        let drive_v = steps(SECONDS, 0.7, seed);
+        let drive_v = drive_of(seed);
+        let fitted = 0..drive_v.len() - rest;
         let mut noise = WhiteNoise::new(0.004, (100 * i + seed) as u64);
         let read = reads(i, &drive_v)
             .into_iter()
@@ -71,6 +82,7 @@ fn identified(i: usize) -> Model {
             .collect();
         Record {
             initial_state: InitialState::Settled,
+            window: fitted,
             ..Record::new(name, RATE_HZ, drive_v, read).with_role(role)
         }
     };
@@ -84,13 +96,9 @@ fn identified(i: usize) -> Model {
         ],
     )
     .unwrap();
-    identify(
-        &dataset,
-        &effects_named("gain,vibration,creep").unwrap(),
-        &Unwatched,
-    )
-    .unwrap()
-    .model
+    let effects = effects_named("gain,vibration,creep").unwrap();
+    let found = identify(&dataset, &effects, &Unwatched).unwrap();
+    (found.model, drive_of(i))
 }
 
 /// The reading that is predicted, and half of the width of its band.
@@ -98,6 +106,21 @@ fn banded(model: &Model, drive: &Drive) -> (Vec<f64>, Vec<f64>) {
     let (start, _) = Initial::AsRecorded.start(model, "", drive.drive_v[0]);
     let found: Prediction = predict(model, drive, &start, "drive").unwrap();
     (found.reading_um, found.half_band_um.unwrap())
+}
+
+/// The rest at the end of a recording lasts a third of it: its own drive is no longer one than was recorded.
+#[test]
+fn what_was_recorded_behind_a_window_is_no_guess() {
+    let widest = |rest: usize| {
+        let (model, drive_v) = identified_before_a_rest(0, rest);
+        let (_, half_um) = banded(&model, &driven(&drive_v));
+        half_um.into_iter().fold(0.0, f64::max)
+    };
+    let (with_a_rest_um, without_um) = (widest((0.3 * SECONDS * RATE_HZ) as usize), widest(0));
+    assert!(
+        with_a_rest_um < 1.5 * without_um,
+        "{with_a_rest_um} {without_um}"
+    );
 }
 
 /// The truth after ten times the recorded time, and everywhere before but for the twentieth part that a band

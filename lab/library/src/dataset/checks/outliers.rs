@@ -34,6 +34,9 @@ const AT_AN_END: usize = 4;
 /// A corner of the drive makes a corner of the readings: a reading is no outlier if it stands out by less
 /// than so many times what a straight stage would read there.
 const AS_THE_DRIVE: f64 = 3.0;
+/// Where readings turn, those beside the corner lie below it by so many times the step on the less steep side,
+/// at most: 1.5 where both are as steep, 2 where one is twice as steep.
+const OF_A_CORNER: f64 = 2.0;
 /// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two
 /// others.
 const ROUNDED_BY: f64 = 2.1;
@@ -215,6 +218,14 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end =
         |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
+    let is_corner = |k: usize| {
+        let side_um = |a: usize, b: usize| readings_um[b] - readings_um[a];
+        (2..n - 2).contains(&k) && {
+            let (before_um, behind_um) = (side_um(k - 2, k - 1), side_um(k + 1, k + 2));
+            before_um * behind_um < 0.0
+                && apart[k] <= OF_A_CORNER * before_um.abs().min(behind_um.abs())
+        }
+    };
     // What the drive itself has of it, a straight stage would read: the corner of a triangle.
     let drive_span_v = peak_to_peak(drive_v);
     let gain_um_per_v = if drive_span_v > 0.0 {
@@ -246,6 +257,7 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         .filter(|k| {
             stands_out(*k)
                 && apart[*k] > AS_THE_DRIVE * of_the_drive(*k)
+                && !is_corner(*k)
                 && !beside_an_end(*k)
                 && !near_a_jump(drive_v, *k)
         })
@@ -376,6 +388,27 @@ mod tests {
 
     /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the
     /// drive begins.
+    #[test]
+    fn corners_of_the_readings_are_no_outliers() {
+        let mut record = record();
+        // A sine faster than the amplifier: triangles behind a smooth drive.
+        let mut noise = WhiteNoise::new(0.0002, 5);
+        let mut at_um = 0.0;
+        for k in 4000..4300 {
+            let wanted_um = 0.2 * (20.0 + 15.0 * (0.3 * k as f64).sin());
+            record.drive_v[k] = 5.0 * wanted_um;
+            at_um += (wanted_um - at_um as f64).clamp(-0.05, 0.05);
+            record.displacement_um[k] = at_um + noise.next_um();
+        }
+        let among = |of: &Outliers| {
+            let all = of.single.iter().chain(&of.beside_others);
+            all.filter(|k| (4050..4250).contains(*k)).count()
+        };
+        assert_eq!(among(&outliers(&record, &[])), 0);
+        record.displacement_um[4100] += 0.5;
+        assert_eq!(among(&outliers(&record, &[])), 1);
+    }
+
     #[test]
     fn the_first_reading_of_a_virgin_record_is_no_outlier() {
         let mut record = record();
