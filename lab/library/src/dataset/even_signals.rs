@@ -3,6 +3,7 @@
 use super::units::SignalUnits;
 use crate::statistics::peak_to_peak;
 use hysteron_sim::effect::AuxiliarySignal;
+use std::ops::Range;
 
 /// Signals at even times.
 pub(super) struct Even {
@@ -13,6 +14,8 @@ pub(super) struct Even {
     pub y_um: Vec<f64>,
     pub force_n: Option<Vec<f64>>,
     pub auxiliary: Vec<AuxiliarySignal>,
+    /// Samples that nobody recorded.
+    pub bridged: Vec<Range<usize>>,
     pub units: SignalUnits,
     /// What was assumed and mended.
     pub notes: Vec<String>,

@@ -179,7 +179,7 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
         *role == Role::Validate && moves(&drive_v[w.clone()]) && moves(&reading_um[w.clone()])
     };
     if !outside.is_empty() && judged.iter().any(judges) {
-        let each = |w: &Range<usize>| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end));
+        let each = |w: &Range<usize>| span(seconds(w.start), seconds(w.end));
         parts.notes.push(format!(
             "{} of what is held out lies beyond what is fitted (voltage, height of the loop, rate, time at a level): how a model extrapolates there decides nothing",
             outside.iter().map(each).collect::<Vec<_>>().join(", ")
@@ -192,7 +192,7 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
     let listed = |role: Role| {
         let of_role = windows.iter().filter(|(other, _)| *other == role);
         of_role
-            .map(|(_, w)| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end)))
+            .map(|(_, w)| span(seconds(w.start), seconds(w.end)))
             .collect::<Vec<_>>()
             .join(", ")
     };
@@ -366,6 +366,7 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
     let whole = |word: &str, role: Role| Record {
         source: place.to_owned(),
         role,
+        left_out: even.bridged.clone(),
         force_n: even.force_n.clone(),
         auxiliary: even.auxiliary.clone(),
         ..Record::new(
@@ -432,8 +433,23 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
         .collect()
 }
 
+/// A stretch of time to the millisecond, or to as many digits as its ends differ in.
+fn span(from_s: f64, to_s: f64) -> String {
+    let ends = |digits: usize| [from_s, to_s].map(|s| format!("{s:.digits$}"));
+    let differ = |ends: &[String; 2]| ends[0] != ends[1];
+    let [from, to] = (3..9).map(ends).find(differ).unwrap_or_else(|| ends(3));
+    format!("{from} to {to} s")
+}
+
 /// A record without what is outside a range.
 fn cut(mut record: Record, range: Range<usize>) -> Record {
+    let inside = |k: usize| k.clamp(range.start, range.end) - range.start;
+    let left_out = std::mem::take(&mut record.left_out);
+    record.leave_out(
+        left_out
+            .into_iter()
+            .map(|out| inside(out.start)..inside(out.end)),
+    );
     record.drive_v = record.drive_v[range.clone()].to_vec();
     record.displacement_um = record.displacement_um[range.clone()].to_vec();
     record.force_n = record
@@ -556,6 +572,46 @@ mod tests {
         let parts = parts_of(&[&triangles[..end], &larger].concat());
         assert_eq!(parts.later.unwrap().start, 3 * SEARCHED_SAMPLES / 4);
         assert_eq!(parts_of(&triangles[..SEARCHED_SAMPLES]).later, None);
+    }
+
+    #[test]
+    fn a_short_stretch_has_two_ends() {
+        assert_eq!(span(0.0018, 0.0022), "0.0018 to 0.0022 s");
+        assert_eq!(span(1.25, 2.0), "1.250 to 2.000 s");
+    }
+
+    #[test]
+    fn samples_that_nobody_recorded_are_left_out_of_each_part() {
+        let drive_v: Vec<f64> = (0..8000)
+            .map(|k| 50.0 - 50.0 * (f64::from(k) * 0.006).cos())
+            .collect();
+        let even = Even {
+            sample_rate_hz: 1000.0,
+            start_s: 0.0,
+            y_um: drive_v.iter().map(|u| 0.1 * u).collect(),
+            u_v: drive_v,
+            force_n: None,
+            auxiliary: Vec::new(),
+            bridged: vec![2000..2002, 6000..6002],
+            units: crate::dataset::units::SignalUnits::default(),
+            notes: Vec::new(),
+        };
+        let parts = Parts {
+            windows: vec![
+                (Role::Noise, 1990..2100),
+                (Role::Identify, 1500..4000),
+                (Role::Validate, 4000..8000),
+            ],
+            later: None,
+            notes: Vec::new(),
+        };
+        let records = records("d", "d.csv", &even, &parts);
+        assert_eq!(records[0].left_out, vec![10..12]);
+        assert!(
+            records[1..]
+                .iter()
+                .all(|r| !r.counts(2001) && !r.counts(6000) && r.counts(6002))
+        );
     }
 
     #[test]

@@ -274,6 +274,7 @@ fn even_signals(
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
         units: signals.units,
+        bridged: axis.bridged.clone(),
         auxiliary: signals
             .auxiliary
             .iter()
@@ -597,6 +598,7 @@ fn record_of(
         role: entry.role,
         initial_state,
         window: from..to,
+        left_out: even.bridged,
         periods,
         repeat_of: entry.repeat_of.as_deref().map(stem),
         offset_is_fitted: match entry.offset {

@@ -4,11 +4,17 @@
 //! said; what runs backwards or leaves a long gap is an error with its row.
 
 use crate::error::{Error, Result};
+use std::ops::Range;
 
 /// Share of a period by which a time stamp may be early or late and still count as even.
 const UNEVEN: f64 = 0.01;
 /// Longest gap that is bridged by a straight line, in missing samples.
 const GAP_MAX: f64 = 10.0;
+/// Periods between recorded samples from which one is missing.
+const GAP_MIN: f64 = 1.5;
+/// Product of the distances in periods to the recorded samples on both sides, to which the error of a straight
+/// line is proportional: its largest value where none is missing.
+const WITHIN_A_PERIOD: f64 = 0.25;
 /// Largest share of missing samples that is bridged.
 const MISSING_MAX: f64 = 0.1;
 /// Largest share of stamps that may stand twice.
@@ -42,6 +48,8 @@ pub struct TimeAxis {
     pub start_s: f64,
     /// What was mended.
     pub note: Option<String>,
+    /// Even samples whose readings or drives nobody recorded: the straight lines over missing samples.
+    pub bridged: Vec<Range<usize>>,
     plan: Plan,
 }
 
@@ -65,6 +73,7 @@ impl TimeAxis {
             sample_rate_hz,
             start_s: 0.0,
             note: None,
+            bridged: Vec::new(),
             plan: Plan::AsTheyAre,
         }
     }
@@ -96,6 +105,7 @@ impl TimeAxis {
             sample_rate_hz: without_rounding(1.0 / period_s),
             start_s,
             note,
+            bridged: Vec::new(),
             plan,
         };
         let mean_s = (end_s - start_s) / (t_s.len() - 1) as f64;
@@ -141,6 +151,7 @@ impl TimeAxis {
         notes.push(mended);
         let samples = ((end_s - start_s) / period_s + 1e-6).floor() as usize + 1;
         let mut after = 1;
+        let mut bridged: Vec<Range<usize>> = Vec::new();
         let between = (0..samples).map(|k| {
             let at_s = start_s + k as f64 * period_s;
             while after + 1 < kept_s.len() && kept_s[after] < at_s {
@@ -148,10 +159,30 @@ impl TimeAxis {
             }
             let share =
                 ((at_s - kept_s[after - 1]) / (kept_s[after] - kept_s[after - 1])).clamp(0.0, 1.0);
+            let periods = (kept_s[after] - kept_s[after - 1]) / period_s;
+            if periods > GAP_MIN && share * (1.0 - share) * periods.powi(2) > WITHIN_A_PERIOD {
+                // The reading behind a gap answers the drive of its last row.
+                match bridged.last_mut().filter(|last| last.end > k) {
+                    Some(last) => last.end = k + 2,
+                    None => bridged.push(k..k + 2),
+                }
+            }
             (kept[after - 1], kept[after], share)
         });
         let plan = Plan::Between(between.collect());
-        Ok(even(period_s, said(notes), plan))
+        if let Some(last) = bridged.last_mut() {
+            last.end = last.end.min(samples);
+        }
+        let left_out: usize = bridged.iter().map(Range::len).sum();
+        if left_out > 0 {
+            notes.push(format!(
+                "{left_out} samples there and right behind drive the model, and are left out of fits and errors"
+            ));
+        }
+        Ok(Self {
+            bridged,
+            ..even(period_s, said(notes), plan)
+        })
     }
 
     /// A signal at the even times.
@@ -495,6 +526,9 @@ mod tests {
             assert!((value - (at_s * 6.0).sin()).abs() < 1e-4, "{k}");
         }
         assert!((mended.len() as i64 - 2000).abs() <= 1);
+        // The reading behind a gap answers a drive that nobody recorded.
+        assert_eq!(found.bridged, [300..304, 1200..1203], "{note}");
+        assert!(note.contains("7 samples there and right behind"), "{note}");
         let refused = axis(&stamps, None, Some(false)).unwrap_err().to_string();
         assert!(
             refused.contains("jumps") && refused.contains("resample"),
