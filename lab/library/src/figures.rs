@@ -108,16 +108,15 @@ impl FitFigures {
     /// How well the model as it is meets the recording, in a sentence.
     #[must_use]
     pub fn comparison_sentence(&self) -> String {
-        let (records, rms_um) = self
-            .validate_rms_um
-            .map_or(("fitted", self.identify_rms_um), |rms_um| {
-                ("held-out", rms_um)
-            });
+        // Nobody fits here, and a model does not know which of these it was fitted with: both roles count.
+        let rms_um = self
+            .identify_rms_um
+            .max(self.validate_rms_um.unwrap_or(0.0));
         let noise = self.noise_floor_um.map_or_else(String::new, |floor_um| {
             format!("; the noise is {} nm", nm(floor_um))
         });
         format!(
-            "The model ({}) meets the {records} records within {} nm RMS{noise}.",
+            "The model ({}) meets these records within {} nm RMS{noise}.",
             self.effects.join(", "),
             nm(rms_um)
         )

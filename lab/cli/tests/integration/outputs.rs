@@ -256,14 +256,11 @@ fn signals_are_written_as_tables_that_fit_the_figures() {
 #[test]
 fn the_page_of_a_comparison_says_what_the_terminal_says() {
     let folder = folder_to_search();
-    for (roles, of) in [
-        (["identify", "validate"], "held-out"),
-        (["identify", "identify"], "fitted"),
-    ] {
+    for role in ["validate", "identify"] {
         let manifest = std::fs::read_to_string(folder.path().join("dataset.toml")).unwrap();
         std::fs::write(
             folder.path().join("dataset.toml"),
-            manifest.replace("\"validate\"", &format!("\"{}\"", roles[1])),
+            manifest.replace("\"validate\"", &format!("\"{role}\"")),
         )
         .unwrap();
         let made = hysteron(
@@ -289,20 +286,18 @@ fn the_page_of_a_comparison_says_what_the_terminal_says() {
         let figures: serde_json::Value =
             serde_json::from_slice(&bytes(folder.path(), "c.json")).unwrap();
         let records = figures["records"].as_array().unwrap();
-        let role = if of == "fitted" {
-            "identify"
-        } else {
-            "validate"
+        let rms_um = |role: &str| -> f64 {
+            let squares: Vec<f64> = records
+                .iter()
+                .filter(|r| r["role"] == role)
+                .map(|r| r["rms_um"].as_f64().unwrap().powi(2))
+                .collect();
+            // Records of one length.
+            (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
         };
-        let squares: Vec<f64> = records
-            .iter()
-            .filter(|r| r["role"] == role)
-            .map(|r| r["rms_um"].as_f64().unwrap().powi(2))
-            .collect();
-        // Records of one length.
-        let rms_nm = 1e3 * (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        let rms_nm = 1e3 * rms_um("identify").max(rms_um("validate"));
         let told: f64 = sentence
-            .split_once(&format!("{of} records within "))
+            .split_once("these records within ")
             .unwrap()
             .1
             .split(' ')
