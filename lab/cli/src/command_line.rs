@@ -325,7 +325,7 @@ enum Command {
     )]
     Check {
         /// Model file and servo file, in either order
-        #[arg(value_name = "MODEL SERVO", required = true, num_args = 1..=2)]
+        #[arg(value_name = "MODEL|SERVO", required = true, num_args = 1..=2)]
         files: Vec<PathBuf>,
         /// Model file, where it is not among the others
         #[arg(long)]

@@ -212,8 +212,9 @@ pub fn design(
     };
     let [model, servo] = [model, out].map(as_argument);
     println!(
-        "wrote {}; next: hysteron track {model} {servo} --reference sine:50:{amplitude_um}",
-        out.display()
+        "wrote {}; next: hysteron track {model} {servo} --reference sine:{}:{amplitude_um}",
+        out.display(),
+        reference_hz.min(50.0)
     );
     Ok(true)
 }

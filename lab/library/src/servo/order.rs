@@ -249,12 +249,11 @@ fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<Converte
             top_um,
         ));
     };
-    let span_um = front_end.sensor_max_um - front_end.sensor_min_um;
     // The sensor is zeroed at the lowest drive, wherever it then stands: its span counts, and its zero must
     // be inside it.
     if !(front_end.sensor_min_um <= 0.0 && front_end.sensor_max_um >= top_um) {
         return Err(format!(
-            "the front end's sensor reads {} to {} um, a span of {span_um} um; the actuator goes from 0 to {top_um:.2} um",
+            "the stage moves from 0 to {top_um:.2} um, the board's sensor reads {} to {} um. Describe its range with --front-end FILE, or leave out --block: the servo needs no board",
             front_end.sensor_min_um, front_end.sensor_max_um
         ));
     }
@@ -262,11 +261,11 @@ fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<Converte
         || front_end.drive_beyond_highest_code_v <= model.drive_max_v
     {
         return Err(format!(
-            "the front end gives {} to {} V; the actuator's drive is {} to {} V",
-            front_end.drive_at_lowest_code_v,
-            front_end.drive_beyond_highest_code_v,
+            "the drive goes from {} to {} V, the board gives {} to {} V. Describe its range with --front-end FILE, or leave out --block: the servo needs no board",
             model.drive_min_v,
-            model.drive_max_v
+            model.drive_max_v,
+            front_end.drive_at_lowest_code_v,
+            front_end.drive_beyond_highest_code_v
         ));
     }
     Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
