@@ -90,7 +90,8 @@ pub(crate) fn of_kind(kind: &IssueKind) -> String {
             format!("the displacement falls where the drive rises ({gain_um_v:.3} um/V). Is the sign of a column inverted?")
         }
         IssueKind::Gain { gain_um_v } => {
-            format!("the displacement changes by {gain_um_v:.0} um/V. Is drive or displacement in another unit (--units u=kV, y=nm)?")
+            let units = if *gain_um_v < 1.0 { "u=mV, y=mm" } else { "u=kV, y=nm" };
+            format!("the displacement changes by {} um/V. Is drive or displacement in another unit (--units {units})?", figure(*gain_um_v))
         }
         IssueKind::NotFollowed { from_s, to_s, parts } => {
             let others = if *parts > 1 { format!(", and in {} further parts", parts - 1) } else { String::new() };
