@@ -62,7 +62,7 @@ pub struct ServoRecording {
     pub driven_by: Vec<Option<String>>,
     /// Noise of the sensor, um RMS, where the data show it.
     pub noise_um: Option<f64>,
-    /// Residual over the records that were fitted, um RMS.
+    /// Residual over the records that judge the model, or else over those that were fitted, um RMS.
     pub residual_um: f64,
 }
 
@@ -171,6 +171,10 @@ impl ServoRecording {
             noise_um: noise_floor(dataset).readings_rms_um(dataset),
             residual_um: 0.0,
         };
+        // Values that were fitted to a record leave too little of it.
+        let judging = [Role::Validate, Role::Identify]
+            .into_iter()
+            .find(|role| !dataset.with_role(*role).is_empty());
         let mut squares = Vec::new();
         let mut rates_hz: Vec<f64> = Vec::new();
         let mut seen: Vec<(f64, &str, Vec<f64>, Vec<f64>)> = Vec::new();
@@ -179,7 +183,7 @@ impl ServoRecording {
                 continue;
             }
             let mut missed = residual(chain, record);
-            if record.role == Role::Identify || dataset.with_role(Role::Identify).is_empty() {
+            if Some(record.role) == judging {
                 squares.extend(counted_of(record, &missed));
             }
             fill_left_out(record, &mut missed, 0.0);
@@ -279,5 +283,42 @@ impl ServoRecording {
     #[must_use]
     pub fn noise_hides_at(&self, hz: f64) -> Option<f64> {
         self.at(&self.by_noise, hz)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Record;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+
+    #[test]
+    fn the_residual_is_that_of_the_records_that_judge() {
+        let drive_v: Vec<f64> = (0..4000).map(|k| f64::from(k % 400) / 4.0).collect();
+        let record = |name: &str, off_um: f64| {
+            let off = |k: usize| if k.is_multiple_of(2) { off_um } else { -off_um };
+            let reads = |k: usize| 0.1 * drive_v[k.saturating_sub(1)] + off(k);
+            let displacement_um = (0..drive_v.len()).map(reads).collect();
+            Record::new(name, 20_000.0, drive_v.clone(), displacement_um)
+        };
+        let records = vec![
+            record("fitted", 0.002),
+            record("held_out", 0.05).with_role(Role::Validate),
+        ];
+        let mut chain = Model::new(0.0, 100.0);
+        let overview = Overview::without_data(0.0, 100.0);
+        chain.add(EffectInstance::new(
+            by_id("gain").unwrap(),
+            &overview,
+            &[0.1],
+        ));
+        let dataset = Dataset::unchecked("d", 0.0, 100.0, records);
+        let seen = ServoRecording::seen_with(&chain, &dataset, 5e-5);
+        assert!(
+            (seen.residual_um - 0.05).abs() < 1e-3,
+            "{}",
+            seen.residual_um
+        );
     }
 }
