@@ -208,10 +208,12 @@ fn end(
     if study.searched_beginnings() {
         end_judged = with_creep_of_the_whole(study, end_judged);
     }
-    let steps = way(study, base, &pool.origin, &end, &end_judged)?;
+    let mut steps = way(study, base, &pool.origin, &end, &end_judged)?;
+    let named = with_the_named_alone(study, &simplest, &weighed, &end, &end_judged)
+        .map(|named| as_on_the_way(&mut steps, named, |judged| study.merit(judged)));
     Ok(Grown {
         steps,
-        named: with_the_named_alone(study, &simplest, &weighed, &end, &end_judged),
+        named,
         models: kept_models(&simplest),
         loops: other_loops(&simplest, &end_judged.model, loops),
         simplest,
@@ -299,6 +301,24 @@ fn with_the_named_alone(
     let less = |model: Model, id: &String| study.without(&model, id);
     let model = denied.iter().fold(simplest.judged.model.clone(), less);
     Some(study.thoroughly(&model))
+}
+
+/// One figure for one set of effects: of a model and of the last step of the way with the same effects the
+/// better stands in both places. The last step of all is the model at the end and stays.
+fn as_on_the_way(steps: &mut [PathStep], found: Judged, merit: impl Fn(&Judged) -> f64) -> Judged {
+    let effects =
+        |judged: &Judged| -> BTreeSet<String> { judged.model.effect_ids().into_iter().collect() };
+    let is_same = |step: &PathStep| {
+        step.change != ModelChange::Start && effects(&step.judged) == effects(&found)
+    };
+    let Some(at) = steps.iter().rposition(is_same) else {
+        return found;
+    };
+    if at + 1 < steps.len() && merit(&found) < merit(&steps[at].judged) {
+        steps[at].judged = found.clone();
+        return found;
+    }
+    steps[at].judged.clone()
 }
 
 /// The best model of a pool with each effect that has several initial guesses begun again beside the others.
@@ -395,4 +415,45 @@ fn with_creep_of_the_whole(study: &Study, found: Judged) -> Judged {
         best = better;
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+
+    fn judged(ids: &[&str], error_um: f64) -> Judged {
+        let mut model = Model::new(0.0, 100.0);
+        for id in ids {
+            let overview = Overview::without_data(0.0, 100.0);
+            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &[]));
+        }
+        Judged {
+            model,
+            residuals: Vec::new(),
+            identify_rms_um: error_um,
+            validate_rms_um: None,
+        }
+    }
+
+    #[test]
+    fn the_named_effects_have_one_error_in_sentence_and_table() {
+        for found_um in [0.007, 0.02] {
+            let step = |ids: &[&str], error_um: f64| PathStep {
+                change: ModelChange::Added(ids[ids.len() - 1].to_owned()),
+                judged: judged(ids, error_um),
+            };
+            let mut steps = [
+                step(&["gain"], 0.3),
+                step(&["gain", "creep"], 0.01),
+                step(&["gain", "creep", "friction"], 0.006),
+            ];
+            let found = judged(&["creep", "gain"], found_um);
+            let named = as_on_the_way(&mut steps, found, Judged::error_um);
+            assert_eq!(named.error_um(), found_um.min(0.01));
+            assert_eq!(steps[1].judged.error_um(), named.error_um());
+            assert_eq!(steps[2].judged.error_um(), 0.006);
+        }
+    }
 }
