@@ -236,17 +236,14 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
         add_holds(&mut plot, trace, record, &branch, sample);
         return plot;
     }
-    let bins = if matches!(view, View::Time | View::Frequency) {
-        TIME_BINS
-    } else {
-        BINS
-    };
+    let over_time = matches!(view, View::Time | View::Frequency);
+    let bins = if over_time { TIME_BINS } else { BINS };
     for &(name, on, dots, line) in groups {
         let chosen: Vec<(f64, usize)> = (0..length)
             .filter(|&i| branch.get(sample(i)).is_some_and(|(b, _)| on.contains(b)))
             .filter_map(|i| abscissa(i).filter(|x| x.is_finite()).map(|x| (x, i)))
             .collect();
-        let (x, residual, predicted) = binned(&chosen, trace, bins);
+        let (x, residual, predicted) = binned(&chosen, trace, bins, over_time);
         let x: Vec<f64> = if view == View::TimeSinceTurn {
             x.iter().map(|x| 10f64.powf(*x)).collect()
         } else {
@@ -316,7 +313,7 @@ fn add_holds(
     holds.retain(|hold| hold.len() > BINS / 4);
     holds.sort_by_key(|hold| std::cmp::Reverse(hold.len()));
     for hold in holds.iter().take(MOST_HOLDS) {
-        let (x, residual, predicted) = binned(hold, trace, BINS / 2);
+        let (x, residual, predicted) = binned(hold, trace, BINS / 2, false);
         let x: Vec<f64> = x.iter().map(|x| 10f64.powf(*x)).collect();
         plot.series.push(Series::points(
             "what the residual does",
@@ -333,11 +330,16 @@ fn add_holds(
     }
 }
 
-/// Bin centres and the means of residual and prediction, nm, over the bins that hold samples.
+/// Samples in a bin on average from which an empty one is no accident: these samples are left out.
+const FILLED: usize = 4;
+
+/// Bin centres and the means of residual and prediction, nm, over the bins that hold samples. With `gaps`
+/// not a number where samples are left out, so that lines end there.
 fn binned(
     chosen: &[(f64, usize)],
     trace: &EvidenceTrace,
     bins: usize,
+    gaps: bool,
 ) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let low = chosen.iter().map(|c| c.0).fold(f64::INFINITY, f64::min);
     let high = chosen.iter().map(|c| c.0).fold(f64::NEG_INFINITY, f64::max);
@@ -355,7 +357,14 @@ fn binned(
         let sum = &mut sums[bin];
         *sum = (sum.0 + 1, sum.1 + x, sum.2 + r, sum.3 + p);
     }
-    for (samples, x, r, p) in sums {
+    let gaps = gaps && chosen.len() >= FILLED * bins;
+    for (bin, &(samples, x, r, p)) in sums.iter().enumerate() {
+        if samples == 0 && gaps && sums[bin - 1].0 > 0 {
+            out.0
+                .push(low + (bin as f64 + 0.5) / bins as f64 * (high - low));
+            out.1.push(f64::NAN);
+            out.2.push(f64::NAN);
+        }
         if samples > 0 {
             let samples = samples as f64;
             out.0.push(x / samples);
@@ -370,6 +379,27 @@ fn binned(
 mod tests {
     use super::*;
     use hysteron_sim::effect::Effect;
+
+    #[test]
+    fn a_line_over_time_ends_where_samples_are_left_out() {
+        let samples: Vec<usize> = (0..4000).filter(|k| !(1500..2500).contains(k)).collect();
+        let over_time = |k: &usize| (*k as f64, *k);
+        let chosen: Vec<(f64, usize)> = samples.iter().map(over_time).collect();
+        let trace = EvidenceTrace {
+            residual_um: vec![1.0; 4000],
+            predicted_um: vec![1.0; 4000],
+            ..EvidenceTrace::default()
+        };
+        let (x, _, predicted) = binned(&chosen, &trace, TIME_BINS, true);
+        let gaps: Vec<f64> = (0..x.len())
+            .filter(|i| predicted[*i].is_nan())
+            .map(|i| x[i])
+            .collect();
+        assert!(
+            matches!(gaps[..], [at] if (1500.0..2500.0).contains(&at)),
+            "{gaps:?}"
+        );
+    }
 
     #[test]
     fn creep_is_drawn_over_the_logarithm_of_time_since_the_step() {
