@@ -51,6 +51,9 @@ impl Even {
         self.force_n = self.force_n.as_deref().map(kept);
         let auxiliary = self.auxiliary.iter();
         self.auxiliary = auxiliary.map(|signal| signal.with(kept)).collect();
+        let place = |range: &Range<usize>| range.start.div_ceil(apart)..range.end.div_ceil(apart);
+        self.bridged = self.bridged.iter().map(place).collect();
+        self.bridged.retain(|range| !range.is_empty());
         self.notes.push(format!(
             "{samples} samples of a slow drive: one in {apart} is taken, {:.1} samples per second, between which it runs straight",
             self.sample_rate_hz
@@ -72,6 +75,7 @@ mod tests {
             u_v,
             force_n: None,
             auxiliary: Vec::new(),
+            bridged: vec![5..6, 8..14],
             units: SignalUnits::default(),
             notes: Vec::new(),
         }
@@ -82,6 +86,7 @@ mod tests {
         let ramp = |t: f64| 10.0 * t;
         let (thin, is_thinned) = even(ramp).thinned(10_000);
         assert!(is_thinned && thin.sample_rate_hz == 5000.0);
+        assert!(thin.bridged.len() == 1 && thin.bridged[0] == (2..4));
         assert_eq!(
             (thin.u_v.len(), thin.u_v[3]),
             (10_000, 10.0 * 12.0 / 20_000.0)

@@ -393,11 +393,11 @@ mod tests {
         let mut record = record();
         // A sine faster than the amplifier: triangles behind a smooth drive.
         let mut noise = WhiteNoise::new(0.0002, 5);
-        let mut at_um = 0.0;
+        let mut at_um = 0.0_f64;
         for k in 4000..4300 {
             let wanted_um = 0.2 * (20.0 + 15.0 * (0.3 * k as f64).sin());
             record.drive_v[k] = 5.0 * wanted_um;
-            at_um += (wanted_um - at_um as f64).clamp(-0.05, 0.05);
+            at_um += (wanted_um - at_um).clamp(-0.05, 0.05);
             record.displacement_um[k] = at_um + noise.next_um();
         }
         let among = |of: &Outliers| {
