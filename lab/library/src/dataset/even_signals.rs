@@ -89,7 +89,7 @@ mod tests {
         assert!(thin.bridged.len() == 1 && thin.bridged[0] == (2..4));
         assert_eq!(
             (thin.u_v.len(), thin.u_v[3]),
-            (10_000, 10.0 * 12.0 / 20_000.0)
+            (10_000, 10.0 * (12.0 / 20_000.0))
         );
         assert_eq!(even(ramp).thinned(10).0.sample_rate_hz, 1000.0);
         assert!(!even(ramp).thinned(40_000).1);
