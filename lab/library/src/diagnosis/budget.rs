@@ -4,10 +4,14 @@
 use crate::identification::work::{Stage, Work};
 use crate::watch::{Watch, WatchEvent};
 
-/// Share of the budget that a search may take, and that is used when what would be named has been tested. In
-/// the rest come evidence, the last fit and the checks that need a model.
+/// Share of the budget that a search may take.
 pub const SEARCH_ENDS_AT: f64 = 0.5;
-const TESTS_END_AT: f64 = 0.8;
+/// The share that is used when other effects were tried in the place of what it found. Where these had all up
+/// to 0.8, two stages with costly forces stayed undecided that are named right now, with less work.
+const CLOSURE_ENDS_AT: f64 = 0.65;
+/// The shares of steps and of time that are used when searches did without what would be named. In the rest
+/// come evidence, the last fit and the checks that need a model; they take what time they need.
+const TESTS_END_AT: [f64; 2] = [0.9, 0.8];
 /// Share of the time after which a fit for the report goes no further.
 const FITS_END_AT: f64 = 0.95;
 
@@ -44,12 +48,13 @@ impl<'w> Budget<'w> {
         }
     }
 
-    /// The share of the budget at which the present stage ends.
-    fn stage_ends_at(&self) -> f64 {
+    /// The shares of steps and of time at which the present stage ends.
+    fn stage_ends_at(&self) -> [f64; 2] {
         match self.work.stage() {
-            Stage::Start | Stage::Search | Stage::BeginningAgain => SEARCH_ENDS_AT,
-            Stage::Closure | Stage::Ablation => TESTS_END_AT,
-            Stage::Report => FITS_END_AT,
+            Stage::Start | Stage::Search | Stage::BeginningAgain => [SEARCH_ENDS_AT; 2],
+            Stage::Closure => [CLOSURE_ENDS_AT; 2],
+            Stage::Ablation => TESTS_END_AT,
+            Stage::Report => [FITS_END_AT; 2],
         }
     }
 
@@ -57,11 +62,11 @@ impl<'w> Budget<'w> {
     /// by then is the same in every run. Reports how much of the whole is used.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        let share = self.of_steps().max(self.time_used());
+        let (used, ends_at) = ([self.of_steps(), self.time_used()], self.stage_ends_at());
         self.watch.event(&WatchEvent::Used {
-            share: share.clamp(0.0, 1.0),
+            share: used[0].max(used[1]).clamp(0.0, 1.0),
         });
-        share >= self.stage_ends_at()
+        used[0] >= ends_at[0] || used[1] >= ends_at[1]
     }
 
     /// Whether steps end it before the caller's time does.
@@ -78,7 +83,7 @@ impl<'w> Budget<'w> {
     /// Whether the caller's time for the present stage is over: asked within fits as well.
     #[must_use]
     pub fn time_is_over(&self) -> bool {
-        self.time_used() >= self.stage_ends_at()
+        self.time_used() >= self.stage_ends_at()[1]
     }
 }
 
@@ -110,11 +115,15 @@ mod tests {
         assert!(!budget.is_over());
         spend(&budget.work, 1);
         assert!(budget.is_over() && !budget.time_is_over() && budget.ends_by_steps());
+        budget.work.enter(Stage::Closure);
+        assert!(!budget.is_over());
+        spend(&budget.work, 150);
+        assert!(budget.is_over());
         budget.work.enter(Stage::Ablation);
         assert!(!budget.is_over());
-        spend(&budget.work, 300);
+        spend(&budget.work, 250);
         assert!(budget.is_over());
-        assert_eq!(budget.work.of_stage(Stage::Ablation), [300, 0, 0]);
+        assert_eq!(budget.work.of_stage(Stage::Ablation), [250, 0, 0]);
     }
 
     /// So much of the caller's time is over, whatever was simulated.
