@@ -87,7 +87,7 @@ fn implausible_gains_are_doubted() {
             .remarks()
             .join("; ")
     };
-    assert!(notes(180.0).contains("180 um/V"), "{}", notes(180.0));
+    assert!(notes(180.0).contains("180.0 um/V"), "{}", notes(180.0));
     assert!(notes(-0.14).contains("inverted"), "{}", notes(-0.14));
     assert!(!notes(0.14).contains("um/V"), "{}", notes(0.14));
 }
