@@ -30,7 +30,8 @@ struct Circumstance {
     rises: bool,
     /// Duration of the way from turn to turn, s.
     duration_s: f64,
-    /// Samples in which it has gone by [`ALIKE`] where it was fastest.
+    /// Samples in which it has gone by [`ALIKE`] where it was fastest, here or on the whole way before: a stage
+    /// still answers a jump when the next way begins.
     fastest: usize,
     /// Time for which the drive has stayed at the level, s.
     held_s: f64,
@@ -84,16 +85,19 @@ impl Circumstances {
             .collect();
         ends.insert(0, 0);
         ends.push(drive_v.len().saturating_sub(1));
+        let mut fastest_before = usize::MAX;
         for way in ends.windows(2) {
             let way = way[0]..way[1] + 1;
             let from_v = drive_v[way.start];
             let rises = drive_v[way.end - 1] > from_v;
             let fastest = fastest(&drive_v[way.clone()], ALIKE * peak_to_peak(drive_v));
             let duration_s = (way.len() - 1) as f64 / sample_rate_hz;
-            for (one, fastest) in out[way].iter_mut().zip(fastest) {
+            for (one, fastest) in out[way].iter_mut().zip(&fastest) {
                 one.height_v = (one.level_v - from_v).abs();
-                (one.rises, one.duration_s, one.fastest) = (rises, duration_s, fastest);
+                one.fastest = fastest_before.min(*fastest);
+                (one.rises, one.duration_s) = (rises, duration_s);
             }
+            fastest_before = fastest.last().copied().unwrap_or(usize::MAX);
         }
         Self(out)
     }
