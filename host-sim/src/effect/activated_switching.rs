@@ -490,7 +490,7 @@ impl Effect for ActivatedSwitching {
                 caption: "An error that grows with the logarithm of the rate, and goes on after a turn.",
             },
             tried_for_loops: LoopsTried::FarAbove,
-            // Counted as 13, searches with it took 1.5 times as long for a step as others.
+            // Counted as 13, a search with it takes 5.4 ns for a step; others take 3.5 to 4.9.
             lasts_steps: Some(20),
             equations: r"`X = (x - drive_min_v) / (drive_max_v - drive_min_v)`. There are 16 play operators, `j = 0..15`, of the thresholds `r_j = 0.55 ((j + 1/2) / 16)^1.5`. Each follows `z_j' = (2 w_j / t_0) exp(-1 / activation) sinh((X - z_j) / w_j)` with `w_j = activation r_j` and `t_0 = 1e-4 s`.
 

@@ -306,18 +306,22 @@ mod tests {
         text(&one(id, values))
     }
 
-    #[test]
-    fn few_terms_of_creep_are_printed_each_and_many_by_the_decade() {
-        let terms = [
+    fn terms_of_creep(fourth: f64, fourth_s: f64) -> [(&'static str, f64); 8] {
+        [
             ("share_1", 0.02),
             ("time_constant_1_s", 0.05),
             ("share_2", 0.01),
             ("time_constant_2_s", 0.5),
             ("share_3", 0.02),
             ("time_constant_3_s", 5.0),
-            ("share_4", 0.03),
-            ("time_constant_4_s", 50.0),
-        ];
+            ("share_4", fourth),
+            ("time_constant_4_s", fourth_s),
+        ]
+    }
+
+    #[test]
+    fn few_terms_of_creep_are_printed_each_and_many_by_the_decade() {
+        let terms = terms_of_creep(0.03, 50.0);
         for (count, expected) in [
             (2, "share 2.0000 +- 0.0020 %, time constant 0.05000 s"),
             (
@@ -333,16 +337,7 @@ mod tests {
 
     #[test]
     fn a_term_of_creep_that_is_not_known_hides_no_other() {
-        let terms = [
-            ("share_1", 0.02),
-            ("time_constant_1_s", 0.05),
-            ("share_2", 0.01),
-            ("time_constant_2_s", 0.5),
-            ("share_3", 0.02),
-            ("time_constant_3_s", 5.0),
-            ("share_4", 0.0002),
-            ("time_constant_4_s", 60.0),
-        ];
+        let terms = terms_of_creep(0.0002, 60.0);
         let mut model = one("creep", &terms);
         model.effects[0].parameters[6].std = Some(0.01);
         let text = text(&model);

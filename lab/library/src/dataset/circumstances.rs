@@ -25,8 +25,9 @@ const NOTHING_NEW: f64 = 0.95;
 #[derive(Clone, Copy, Debug)]
 struct Circumstance {
     level_v: f64,
-    /// Height of the way from the last turn to the sample, V, and its direction: that of the way to the next.
+    /// Height of the way from the last turn to the sample, V.
     height_v: f64,
+    /// Whether the way to the next turn goes up.
     rises: bool,
     /// Duration of the way from turn to turn, s.
     duration_s: f64,

@@ -6,11 +6,11 @@ use crate::watch::{Watch, WatchEvent};
 
 /// Share of the budget that a search may take.
 pub const SEARCH_ENDS_AT: f64 = 0.5;
-/// The share that is used when other effects were tried in the place of what it found. Where these had all up
-/// to 0.8, two stages with costly forces stayed undecided that are named right now, with less work.
+/// The share that is used when other effects were tried in the place of what it found. At 0.8 nothing is left for
+/// the tests of two stages with costly forces, which end undecided; at 0.65 both are named right.
 const CLOSURE_ENDS_AT: f64 = 0.65;
 /// The shares of steps and of time that are used when searches did without what would be named. In the rest
-/// come evidence, the last fit and the checks that need a model; they take what time they need.
+/// come evidence, the last fit and the checks that need a model.
 const TESTS_END_AT: [f64; 2] = [0.9, 0.8];
 /// Share of the time after which a fit for the report goes no further.
 const FITS_END_AT: f64 = 0.95;

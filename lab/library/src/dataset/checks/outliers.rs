@@ -386,8 +386,6 @@ mod tests {
         }
     }
 
-    /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the
-    /// drive begins.
     #[test]
     fn corners_of_the_readings_are_no_outliers() {
         let mut record = record();
@@ -409,6 +407,8 @@ mod tests {
         assert!(among(&outliers(&record, &[])) > 0);
     }
 
+    /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the
+    /// drive begins.
     #[test]
     fn the_first_reading_of_a_virgin_record_is_no_outlier() {
         let mut record = record();
