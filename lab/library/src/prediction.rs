@@ -6,7 +6,7 @@
 //! data fix together. What the constant and the free motions of a record take up over the recorded time is left
 //! out of it. The files of the model calibrate both ([`calibrated`]). Their judging samples are off by the error
 //! of the values too, so that the spread over them is at most what they are off: more of it is a covariance
-//! that overstates. The band is so many times the width as hold 95 % of these samples.
+//! that overstates. The band is so many times the width as hold 95 % of these samples, and of all of the files.
 //!
 //! A drive beyond what was recorded gets the whole spread. There creep that no record shows adds to it, a term
 //! for each decade of time beyond, of the share that stacks are expected to have. Where the voltage is beyond
@@ -35,7 +35,7 @@ const SEEN_CREEP: f64 = 0.5;
 const DERIVATIVE_STEP: f64 = 1e-3;
 /// Columns of the factor that are simulated side by side: more would need more memory than a long drive leaves.
 const SIDE_BY_SIDE: usize = 8;
-/// Share of the samples that judged which a band holds.
+/// Share of the samples that a band holds.
 const IN_BAND: f64 = 0.95;
 
 /// What a model predicts of a drive.
@@ -187,21 +187,14 @@ pub(crate) fn constant_moves_um(
     moves.into_iter().collect::<Option<_>>().unwrap_or_default()
 }
 
-/// The model with its band calibrated on the samples of records that judge: each file simulated from its start,
-/// as [`predict`] does.
+/// How much of the spread counts, and how many widths a band has on either side: each file simulated from its
+/// start, as [`predict`] does. The band holds the samples of the records that judge, and all: one state and one
+/// constant stand for a whole file, whose parts were judged with their own.
 pub(crate) fn calibrated(model: &Model, dataset: &Dataset, judges: &[usize]) -> Option<[f64; 2]> {
     let known = model.identified.as_deref()?;
     let plain = model.before_rounding();
-    // How far off, and the variance by the values.
-    let mut judged: Vec<(f64, f64)> = Vec::new();
+    let mut all: Vec<Replayed> = Vec::new();
     for (records, start) in files(dataset).iter().zip(&known.recorded.starts) {
-        let judging = records.iter().filter(|record| judges.contains(record));
-        let judging: Vec<usize> = judging
-            .flat_map(|i| dataset.records[*i].counted())
-            .collect();
-        if judging.is_empty() {
-            continue;
-        }
         let file = &dataset.records[records[0]];
         let drive = Drive {
             initial_state: start.state,
@@ -209,27 +202,45 @@ pub(crate) fn calibrated(model: &Model, dataset: &Dataset, judges: &[usize]) -> 
         };
         let base_um = plain.simulate(&drive);
         let spread = squared_spread(model, known, &drive, start, &base_um)?;
-        judged.extend(judging.into_iter().map(|k| {
-            let reads_um = base_um[k] + start.adds_um(k as f64 * drive.dt_s);
-            (file.displacement_um[k] - reads_um, spread[k])
-        }));
+        for record in records {
+            let judges = judges.contains(record);
+            all.extend(dataset.records[*record].counted().map(|k| {
+                let reads_um = base_um[k] + start.adds_um(k as f64 * drive.dt_s);
+                Replayed {
+                    judges,
+                    off_um: file.displacement_um[k] - reads_um,
+                    spread: spread[k],
+                }
+            }));
+        }
     }
-    let off: f64 = judged.iter().map(|(off_um, _)| off_um * off_um).sum();
-    let spread: f64 = judged.iter().map(|(_, spread)| spread).sum();
+    let sum = |of: &dyn Fn(&Replayed) -> f64| all.iter().filter(|r| r.judges).map(of).sum::<f64>();
+    let (off, spread) = (sum(&|r| r.off_um * r.off_um), sum(&|r| r.spread));
     let share = if spread > off {
         (off / spread).sqrt()
     } else {
         1.0
     };
-    let width = |spread: f64| (known.error_um.powi(2) + share * share * spread).sqrt();
-    let mut relative: Vec<f64> = judged
-        .iter()
-        .map(|(off_um, spread)| off_um.abs() / width(*spread))
-        .collect();
-    relative.sort_by(f64::total_cmp);
-    let at = (IN_BAND * (relative.len() + 1) as f64).ceil() as usize;
-    let times = relative.get(at.min(relative.len()).checked_sub(1)?)?;
-    (times.is_finite() && share > 0.0).then_some([share, *times])
+    let times = |which: &dyn Fn(&Replayed) -> bool| {
+        let width = |r: &Replayed| (known.error_um.powi(2) + share * share * r.spread).sqrt();
+        let counted = all.iter().filter(|r| which(r));
+        let mut relative: Vec<f64> = counted.map(|r| r.off_um.abs() / width(r)).collect();
+        relative.sort_by(f64::total_cmp);
+        let at = (IN_BAND * (relative.len() + 1) as f64).ceil() as usize;
+        relative
+            .get(at.min(relative.len()).checked_sub(1)?)
+            .copied()
+    };
+    let times = times(&|r| r.judges)?.max(times(&|_| true)?);
+    (times.is_finite() && share > 0.0).then_some([share, times])
+}
+
+/// A sample of a file that was simulated from its start.
+struct Replayed {
+    judges: bool,
+    off_um: f64,
+    /// Variance by the values.
+    spread: f64,
 }
 
 /// What a step along a column of the factor of the covariance makes of a reading, by a small share of it; none

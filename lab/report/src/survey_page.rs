@@ -1,10 +1,13 @@
-//! The page of a survey: what stands out first, then the values over all recordings, then a row for each.
+//! The page of a survey: remainders and values over all recordings first, then what stands out, then a row for
+//! each.
 
 use crate::page::{CurveRole, Notes, Page, PageBlock, Plot, Section, Series, Table, Tone, Width};
 use hysteron::survey::{Survey, SurveyRow};
 
 /// Most values that are drawn: those of the first effects of the chain.
 const DRAWN: usize = 24;
+/// The axis of plots over the recordings.
+const BY_NAME: &str = "recording, by name";
 
 fn nm(um: Option<f64>) -> String {
     um.map_or_else(|| "-".into(), |um| format!("{:.3}", 1e3 * um))
@@ -40,7 +43,7 @@ pub fn survey_page(survey: &Survey, made_by: String) -> Page {
             ("verdicts".into(), verdicts.join(", ")),
             ("time of all".into(), format!("{seconds:.0} s")),
         ],
-        sections: vec![standing_out(survey), values(survey), rows(survey)],
+        sections: vec![values(survey), standing_out(survey), rows(survey)],
         footer: vec![made_by],
         ..Page::default()
     }
@@ -119,45 +122,55 @@ fn values(survey: &Survey) -> Section {
         at.unwrap_or(0) as f64 + 1.0
     };
     let far = |row: &SurveyRow| survey.outliers.iter().any(|o| o.recording == row.recording);
-    let plot = |name: &String, label: &str, at: &dyn Fn(&SurveyRow) -> Option<f64>| {
+    let plot = |name: &str, unit: &str, label: &str, points: Vec<(&SurveyRow, f64, f64)>| {
+        let series = |title: &str, role: CurveRole, which: bool| {
+            let these = points.iter().filter(|(row, ..)| far(row) == which);
+            let (x, y) = these.map(|(_, x, y)| (*x, *y)).unzip();
+            Series::points(title, role, x, y)
+        };
+        Plot::new(name.to_owned())
+            .x_axis(label, "")
+            .y_axis("value", unit)
+            .width(Width::Half)
+            .with(series("usual", CurveRole::Measured, false))
+            .with(series("stands out", CurveRole::Residual, true))
+    };
+    let of_value = |name: &String, label: &str, at: &dyn Fn(&SurveyRow) -> Option<f64>| {
         let values = survey.values(name);
         let unit = values.first().and_then(|(row, ..)| {
             let value = row.values.iter().find(|value| value.name == *name)?;
             Some(value.unit.clone())
         });
-        let series = |title: &str, role: CurveRole, which: bool| {
-            let these = values.iter().filter(|(row, ..)| far(row) == which);
-            let (x, y) = these
-                .filter_map(|(row, value, _)| Some((at(row)?, *value)))
-                .unzip();
-            Series::points(title, role, x, y)
-        };
-        Plot::new(name.clone())
-            .x_axis(label, "")
-            .y_axis("value", unit.as_deref().unwrap_or_default())
-            .width(Width::Half)
-            .with(series("usual", CurveRole::Measured, false))
-            .with(series("stands out", CurveRole::Residual, true))
+        let points = (values.iter())
+            .filter_map(|(row, value, _)| Some((*row, at(row)?, *value)))
+            .collect();
+        plot(name, unit.as_deref().unwrap_or_default(), label, points)
     };
+    let times_noise = survey
+        .good()
+        .filter_map(|row| Some((row, number(row), row.times_noise?)));
+    let remainder = plot("remainder over noise", "", BY_NAME, times_noise.collect());
     let names = survey.names();
     let drawn = names.iter().take(DRAWN);
     let by_number = drawn
         .clone()
-        .map(|name| plot(name, "recording, by name", &|row| Some(number(row))));
+        .map(|name| of_value(name, BY_NAME, &|row| Some(number(row))));
     let mut signals: Vec<&String> = survey.good().flat_map(|row| row.means.keys()).collect();
     signals.sort_unstable();
     signals.dedup();
-    let (plot, drawn) = (&plot, &drawn);
+    let (of_value, drawn) = (&of_value, &drawn);
     let by_signal = signals.into_iter().flat_map(|signal| {
         drawn.clone().map(move |name| {
             let mean = |row: &SurveyRow| row.means.get(signal).copied();
-            plot(name, &format!("mean of {signal}"), &mean)
+            of_value(name, &format!("mean of {signal}"), &mean)
         })
     });
     Section {
-        heading: "Values".into(),
+        heading: "Remainders and values".into(),
         text: "Recordings stand in the order of their names: names that begin with the date give values over time.".into(),
-        blocks: by_number.chain(by_signal).map(PageBlock::Plot).collect(),
+        blocks: (std::iter::once(remainder).chain(by_number).chain(by_signal))
+            .map(PageBlock::Plot)
+            .collect(),
     }
 }
 

@@ -134,7 +134,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
     let screenings = study.while_it_lasts(dropped, |d| {
         let model = &d.entry.judged.model;
         let candidates = study.candidates_for(model);
-        if study.far_above_the_noise(&d.entry.judged) && study.fails_held_out(&d.entry.judged) {
+        if study.leaves_values_open(&d.entry.judged) {
             let [_, on_all] = study.score_on_fitted_and_all(model, &candidates)?;
             return Ok(on_all);
         }

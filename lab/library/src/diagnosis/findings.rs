@@ -1,7 +1,7 @@
 //! What the simplest kept models have in common, and where they differ, with the evidence for each: the best
 //! model without it, for which a search of its own looked, beside the one with it.
 
-use super::confidence_set::Fate;
+use super::confidence_set::{Fate, Losses};
 use super::judgement::Judged;
 use super::policy::Policy;
 use super::pool::{Entry, Move, Pool};
@@ -321,22 +321,29 @@ fn best_without(pool: &mut Pool, slot: &Slot, with: &str, fits: Fits) -> Option<
     }
 }
 
-/// What becomes of a model of a pool beside another.
-fn fate(pool: &Pool, one: &str, beside: &str) -> Option<Fate> {
-    let losses = [one, beside].map(|key| pool.entries[key].losses.as_ref());
-    let [of_one, of_other] = losses;
-    Some(confidence_set_in(pool.study, &[of_one?, of_other?])[0])
-}
-
 /// By how many standard errors the data reject a model of a pool beside another; none where they do not, or
-/// where it is better on the fitted or on the held-out records alone.
-fn rejected_by(pool: &Pool, without: &str, with: &str) -> Option<f64> {
-    let Some(Fate::Rejected(standard_errors)) = fate(pool, without, with) else {
+/// where it is better on the fitted or on the held-out records alone. Where fitted records leave values open,
+/// held-out errors are chance: there it must be rejected as well once both are fitted to all records.
+fn rejected_by(pool: &mut Pool, without: &str, with: &str) -> Option<f64> {
+    let (study, pair) = (pool.study, [without, with]);
+    let fate = |losses: [Option<&Losses>; 2]| {
+        let [of_one, of_other] = losses;
+        Some(confidence_set_in(study, &[of_one?, of_other?])[0])
+    };
+    let losses = pair.map(|key| pool.entries[key].losses.as_ref());
+    let Some(Fate::Rejected(standard_errors)) = fate(losses) else {
         return None;
     };
-    let errors = [without, with].map(|key| Residuals::of(&pool.entries[key].judged));
-    let matters = pool.study.policy.matters_at_noise;
-    (!is_better_somewhere(errors, matters)).then_some(standard_errors)
+    let errors = pair.map(|key| Residuals::of(&pool.entries[key].judged));
+    if is_better_somewhere(errors, study.policy.matters_at_noise) {
+        return None;
+    }
+    if study.leaves_values_open(&pool.entries[with].judged) {
+        pool.weigh_fitted_to_all(&pair);
+        let losses = pair.map(|key| pool.entries[key].losses_fitted_to_all.as_ref());
+        fate(losses).filter(|fate| *fate != Fate::Kept)?;
+    }
+    Some(standard_errors)
 }
 
 /// Weighs each slot of the simplest kept models that survives its test; the models that do as well with an

@@ -49,6 +49,8 @@ pub struct Entry {
     pub(crate) held: bool,
     /// Its losses on all judged samples, once it was compared with others.
     pub(crate) losses: Option<Losses>,
+    /// The same once it was fitted to all records.
+    pub(crate) losses_fitted_to_all: Option<Losses>,
 }
 
 impl Entry {
@@ -68,6 +70,7 @@ impl Entry {
             finished: false,
             held: false,
             losses: None,
+            losses_fitted_to_all: None,
         }
     }
 
@@ -254,6 +257,23 @@ impl<'s, 'a> Pool<'s, 'a> {
             let losses = Losses::of_judged(self.study, &whole);
             entry.fitted_further(self.study, self.study.judged_quickly(whole.model));
             entry.losses = Some(losses);
+        }
+    }
+
+    /// Makes the losses known that entries have once they are fitted to all records.
+    pub(crate) fn weigh_fitted_to_all(&mut self, keys: &[&str]) {
+        let is_pending = |e: &Entry| e.losses_fitted_to_all.is_none();
+        let pending: Vec<&&str> = (keys.iter())
+            .filter(|k| self.entries.get(**k).is_some_and(is_pending))
+            .collect();
+        let losses = parallel::map(&pending, |k| {
+            let judged = self.study.fitted_to_all(&self.entries[**k].judged.model);
+            Losses::of_judged(self.study, &judged)
+        });
+        for (key, losses) in pending.into_iter().zip(losses) {
+            if let Some(entry) = self.entries.get_mut(*key) {
+                entry.losses_fitted_to_all = Some(losses);
+            }
         }
     }
 

@@ -313,6 +313,22 @@ impl<'a> Study<'a> {
             .is_some_and(|held_out_um| held_out_um > FAILS_HELD_OUT * judged.identify_rms_um)
     }
 
+    /// Whether fitted records leave values of a model open that decide what it leaves of the held-out ones: far
+    /// above the noise it leaves much more of these.
+    #[must_use]
+    pub fn leaves_values_open(&self, judged: &Judged) -> bool {
+        self.far_above_the_noise(judged) && self.fails_held_out(judged)
+    }
+
+    /// Fits a model to the held-out records as well.
+    #[must_use]
+    pub fn fitted_to_all(&self, model: &Model) -> Judged {
+        let goes_on = |_: &FitProgress| !self.budget.time_is_over();
+        let rows = &self.quick_judging;
+        let fit = fit_while(model, &self.searched, rows, COMPARING, goes_on);
+        judge_fit(fit, rows, &self.searched, &self.split, rows)
+    }
+
     /// Scores these effects beside a model, for a search.
     ///
     /// # Errors
