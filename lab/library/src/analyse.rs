@@ -271,10 +271,10 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         let unseen = words::unseen(&model, dataset, last.error_um());
         floor.warnings.splice(0..0, unseen);
     }
-    let (unfixed, names): (Vec<Weighed>, Vec<Weighed>) = grown
-        .weighed
-        .into_iter()
-        .partition(|weighed| weighed.has_open_values(&cannot_identify));
+    let (unfixed, names): (Vec<Weighed>, Vec<Weighed>) =
+        grown.weighed.into_iter().partition(|weighed| {
+            weighed.has_open_values(&cannot_identify) || weighed.is_ruled_out_in(&last.model)
+        });
     let values_open = grown.open.is_empty();
     grown.weighed = names;
     grown.open.extend(unfixed);

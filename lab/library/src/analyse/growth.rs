@@ -143,7 +143,7 @@ enum Ended {
 
 /// Searches, closes and ablates until nothing better comes or the budget ends.
 fn searched(search: &mut Search) -> Result<Ended> {
-    let (study, mut closed, mut ablated) = (search.study, BTreeSet::new(), BTreeSet::new());
+    let (study, mut ablated) = (search.study, BTreeSet::new());
     // Asked once: a drive that acts otherwise between its samples makes a long search of nothing.
     let (mut is_asked, mut issues) = (false, Vec::new());
     let mut is_in_doubt = |best: &Judged| {
@@ -167,14 +167,14 @@ fn searched(search: &mut Search) -> Result<Ended> {
         study.budget.work.enter(Stage::BeginningAgain);
         begin_again(&mut search.pool)?;
         let before = search.pool.rank(search.pool.best());
-        let keys = ablate(search, &mut closed, &mut ablated)?;
+        let keys = ablate(search, &mut ablated)?;
         // What came out of single moves around the simplest models, or of a search without one of their
         // effects, may lead further.
         let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
         let ends = !gained
             || search.out_of_time
             || study.met(&search.pool.best().judged)
-            || closed.len() >= study.policy.closures_max;
+            || search.closed.len() >= study.policy.closures_max;
         if ends {
             return Ok(if study.watch.stopped() {
                 Ended::Stopped
@@ -250,15 +250,11 @@ fn way(
 
 /// Closes the pool around the simplest kept models and searches once more without each effect that they would
 /// name, until neither changes them: the keys of these models.
-fn ablate(
-    search: &mut Search,
-    closed: &mut BTreeSet<String>,
-    ablated: &mut BTreeSet<Vec<String>>,
-) -> Result<Vec<String>> {
+fn ablate(search: &mut Search, ablated: &mut BTreeSet<Vec<String>>) -> Result<Vec<String>> {
     let work = &search.study.budget.work;
     loop {
         work.enter(Stage::Closure);
-        let minimal = close(&mut search.pool, closed)?;
+        let minimal = close(&mut search.pool, &mut search.closed)?;
         let open = test_slots(&mut search.pool, &minimal, Fits::ForComparison)
             .into_iter()
             .map(|case| case.slot.effects())

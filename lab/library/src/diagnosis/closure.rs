@@ -45,7 +45,11 @@ pub fn close(pool: &mut Pool, done: &mut BTreeSet<String>) -> Result<Vec<String>
     }
 }
 
-fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
+/// Tries single moves around a model of a pool.
+///
+/// # Errors
+/// A candidate that gives something that is no number.
+pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     let entry = pool.entries[key].clone();
     let study = pool.study;
     if entry.held {
@@ -147,7 +151,12 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
         let others = doing_as
             .into_iter()
             .filter(|s| entry.judged.model.effect(&s.id).is_none());
-        trials.extend(others.take(study.policy.rivals).map(|s| (d, s)));
+        // One law at another place of the chain is a rival, however many others come before it.
+        let is_tried = |(place, s): &(usize, &CandidateScore)| {
+            *place < study.policy.rivals || same_law(study, entry, &d.id, s).is_some()
+        };
+        let tried = others.enumerate().filter(is_tried);
+        trials.extend(tried.map(|(_, s)| (d, s)));
     }
     let fitted = study.while_it_lasts(&trials, |(d, score)| {
         let judged = in_its_place(study, entry, d, score);

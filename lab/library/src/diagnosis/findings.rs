@@ -80,6 +80,16 @@ impl Weighed {
         finding.or_other_values_of.is_empty() && cannot_identify.iter().any(is_open)
     }
 
+    /// It is one effect that its own physics excludes at its values in the model at the end: there it acts for
+    /// something else.
+    #[must_use]
+    pub fn is_ruled_out_in(&self, model: &Model) -> bool {
+        let [Move::Added(id)] = self.slot.moves.as_slice() else {
+            return false;
+        };
+        model.ruled_out_because(id).is_some()
+    }
+
     /// By how much the error falls with it, um: the root of the difference of the mean squares, the larger of
     /// fitted and held-out records.
     #[must_use]

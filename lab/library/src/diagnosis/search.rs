@@ -13,17 +13,20 @@
 //! kind that comes near the best has a beam of its own. A structure that takes long comes far above the noise
 //! only, once there are loops or nothing else helps.
 
+use super::closure::close_around;
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::identification::finer_hysteresis;
+use crate::identification::held_values::{as_free_as, holding};
 use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{LoopsTried, gain, hysteresis};
+use hysteron_sim::effect::{Effect, LoopsTried, gain, hysteresis};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A search over the models of a pool.
 pub struct Search<'s, 'a> {
@@ -31,12 +34,16 @@ pub struct Search<'s, 'a> {
     pub study: &'s Study<'a>,
     /// Everything that was fitted.
     pub pool: Pool<'s, 'a>,
+    /// Models around which single moves were tried.
+    pub closed: BTreeSet<String>,
     /// Effects of the model that it begins at.
     start: Vec<String>,
     /// Additions that did much worse than what they extend, by name.
     hopeless: BTreeSet<String>,
     /// Loops of other structures that were tried, by when they are.
     structures_tried: Vec<LoopsTried>,
+    /// Each effect was fitted beside the start.
+    fitted_each: bool,
     /// Effects that no model of this search may have.
     without: Vec<String>,
     /// Moves that a model of this search may have, at most.
@@ -87,9 +94,11 @@ impl<'s, 'a> Search<'s, 'a> {
         Self {
             study,
             pool,
+            closed: BTreeSet::new(),
             start,
             hopeless,
             structures_tried: Vec::new(),
+            fitted_each: false,
             without: Vec::new(),
             most_moves,
             stopped: false,
@@ -140,8 +149,72 @@ impl<'s, 'a> Search<'s, 'a> {
             if is_in_doubt(&self.pool.best().judged) {
                 return Ok(());
             }
-            let gained = before - self.pool.rank(self.pool.best()) > policy.least_gain;
-            without_gain = if gained { 0 } else { without_gain + 1 };
+            let gained = |search: &Self, before: f64| {
+                before - search.pool.rank(search.pool.best()) > policy.least_gain
+            };
+            if !gained(self, before) && without_gain == 0 && !near {
+                let mut before = before;
+                while self.look_around()? && gained(self, before) {
+                    before = self.pool.rank(self.pool.best());
+                }
+            }
+            without_gain = if gained(self, before) {
+                0
+            } else {
+                without_gain + 1
+            };
+        }
+        Ok(())
+    }
+
+    /// Where a round brought nothing: single moves around the best model, and beside the start each effect that
+    /// no model has alone, fitted, whatever its signature promises. What a lag that stands in for another effect
+    /// leaves does not show that effect. Whether that was not done before.
+    fn look_around(&mut self) -> Result<bool> {
+        let best = self.pool.best();
+        let key = key(&best.moves, &best.judged.model);
+        if self.study.met(&best.judged) || !self.closed.insert(key.clone()) {
+            return Ok(false);
+        }
+        close_around(&mut self.pool, &key)?;
+        if !std::mem::replace(&mut self.fitted_each, true) {
+            self.fit_each_beside_start()?;
+        }
+        self.pool.compare_best();
+        Ok(true)
+    }
+
+    fn fit_each_beside_start(&mut self) -> Result<()> {
+        let study = self.study;
+        let Some(start) = self.pool.start().cloned() else {
+            return Ok(());
+        };
+        let model = &start.judged.model;
+        let with = |effect: &Arc<dyn Effect>| {
+            let one = Move::Added(effect.declaration().id);
+            let mut moves = [start.moves.as_slice(), &[one]].concat();
+            moves.sort();
+            moves
+        };
+        let mut untried = study.candidates_for(model);
+        untried.retain(|effect| {
+            let moves = with(effect);
+            self.pool.entries.values().all(|known| known.moves != moves)
+        });
+        let fitted = study.while_it_lasts(&untried, |effect| {
+            let id = effect.declaration().id;
+            let held = holding(model, |_, _| true);
+            let alone = study.seated(&held, effect, study.policy.guesses, f64::INFINITY)?;
+            let mut begin = model.clone();
+            if let Some(found) = alone.model.effect(&id) {
+                begin.add(found.clone());
+            }
+            let around = study.quickly(&holding(&begin, |effect, _| effect == id));
+            let judged = study.for_comparison(&as_free_as(around.model, &begin));
+            Ok(Entry::new(study, with(effect), judged, true))
+        });
+        for entry in fitted {
+            self.pool.keep(entry?);
         }
         Ok(())
     }
