@@ -204,18 +204,19 @@ impl<'s, 'a> Search<'s, 'a> {
         let fitted = study.while_it_lasts(&untried, |effect| {
             let id = effect.declaration().id;
             let held = holding(model, |_, _| true);
-            let alone = study.seated(&held, effect, study.policy.guesses, f64::INFINITY)?;
+            let alone = study.seated(&held, effect, study.policy.guesses, start.merit)?;
+            let gains = study.merit(&alone) < start.merit - study.policy.least_gain;
+            let Some(found) = alone.model.effect(&id).filter(|_| gains) else {
+                return Ok(None);
+            };
             let mut begin = model.clone();
-            if let Some(found) = alone.model.effect(&id) {
-                begin.add(found.clone());
-            }
+            begin.add(found.clone());
             let around = study.quickly(&holding(&begin, |effect, _| effect == id));
             let judged = study.for_comparison(&as_free_as(around.model, &begin));
-            Ok(Entry::new(study, with(effect), judged, true))
+            Ok(Some(Entry::new(study, with(effect), judged, true)))
         });
-        for entry in fitted {
-            self.pool.keep(entry?);
-        }
+        let fitted: Vec<Option<Entry>> = fitted.into_iter().collect::<Result<_>>()?;
+        fitted.into_iter().flatten().for_each(|e| self.pool.keep(e));
         Ok(())
     }
 
