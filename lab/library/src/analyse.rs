@@ -277,6 +277,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         });
     let values_open = grown.open.is_empty();
     grown.weighed = names;
+    grown.named_less(&unfixed, &last, &study);
     grown.open.extend(unfixed);
     let next = next_experiment(&grown, dataset, floor.rms_um);
     let left_um = grown.simplest.first().map_or(0.0, |e| e.judged.error_um());

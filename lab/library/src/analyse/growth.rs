@@ -55,6 +55,23 @@ pub struct Grown {
     pub ended_early: bool,
 }
 
+impl Grown {
+    /// The model with the named effects alone, where some of them turned out to be none; `last` is the one at
+    /// the end.
+    pub fn named_less(&mut self, none: &[Weighed], last: &Judged, study: &Study) {
+        if none.is_empty() {
+            return;
+        }
+        let named = &self.named.as_ref().unwrap_or(last).model;
+        let gone = none.iter().flat_map(|weighed| weighed.slot.effects());
+        let less = gone.fold(named.clone(), |model, id| study.without(&model, &id));
+        let effects = |model: &Model| BTreeSet::from_iter(model.effect_ids());
+        let is_less = |step: &&PathStep| effects(&step.judged.model) == effects(&less);
+        let step = self.steps.iter().rev().find(is_less);
+        self.named = Some(step.map_or_else(|| study.thoroughly(&less), |s| s.judged.clone()));
+    }
+}
+
 /// A start at which everything ends.
 #[must_use]
 pub fn at(judged: Judged) -> Grown {

@@ -239,6 +239,50 @@ fn a_slew_limit_without_inertia_behind_it_is_named() {
     );
 }
 
+/// An amplifier that lags by 200 Hz and follows no faster than 8000 V/s. A lag alone stands in for both, and
+/// beside it nothing shows a limit: only a fit of both does.
+#[test]
+fn a_lag_and_a_slew_limit_of_one_amplifier_are_named() {
+    const PARTS: usize = 8;
+    let part_s = 1.0 / (RATE_HZ * PARTS as f64);
+    let follows = 1.0 - (-std::f64::consts::TAU * 200.0 * part_s).exp();
+    let mut limited = |drive_v: &[f64]| {
+        let (mut lagging_v, mut voltage_v) = (drive_v[0], drive_v[0]);
+        let follow = drive_v.iter().map(|v| {
+            for _ in 0..PARTS {
+                lagging_v += (v - lagging_v) * follows;
+                voltage_v += (lagging_v - voltage_v).clamp(-8000.0 * part_s, 8000.0 * part_s);
+            }
+            0.1 * voltage_v
+        });
+        in_the_next_row(follow.collect())
+    };
+    let sines = |each: &[(f64, f64)]| -> Vec<f64> {
+        let one = |&(hz, half_v): &(f64, f64)| {
+            (0..4000).map(move |k| {
+                half_v - half_v * (std::f64::consts::TAU * hz * f64::from(k) / RATE_HZ).cos()
+            })
+        };
+        each.iter().flat_map(one).collect()
+    };
+    let drives = [
+        sines(&[(4.0, 40.0), (10.0, 35.0), (40.0, 30.0), (150.0, 20.0)]),
+        sines(&[(6.0, 20.0), (26.0, 40.0), (80.0, 35.0)]),
+    ];
+    let d = explained(&mut limited, drives).diagnosis;
+    let mut named = d.named.clone();
+    named.sort();
+    assert_eq!(
+        (d.verdict, named.as_slice()),
+        (
+            Verdict::Named,
+            ["amplifier_bandwidth".to_owned(), "slew_limit".to_owned()].as_slice()
+        ),
+        "{}",
+        d.sentence
+    );
+}
+
 /// Twenty plays and a mode, read in the row of their own drive: a second mode would make up for the period
 /// beside the true one.
 #[test]
