@@ -9,6 +9,7 @@ use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ModeModel, actuator_model};
 use hysteron::servo::order::{self, DesignOrder};
+use hysteron::servo::plant_set::HELD_MASSES;
 use hysteron::servo::robust::{ModeSpread, Task};
 use hysteron::servo::tuning::{Demands, PredictorTuning};
 use hysteron::watch::Unwatched;
@@ -450,9 +451,11 @@ pub fn designed_with_the_truth(truth: &StageTruth, chain: &Model) -> Option<Serv
         linear: model.linear,
         first: exact,
         second: Some(exact),
+        left_out: None,
         delay_s: 0.0,
         recording: None,
         mode_moves: 0.0,
+        mass_to: HELD_MASSES[0],
         demands,
     };
     let design = |tuning: PredictorTuning| {

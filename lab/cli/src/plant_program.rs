@@ -6,14 +6,16 @@
 
 use hysteron::{Error, Result};
 use hysteron_sim::closed_loop::Plant;
-use std::io::{BufRead, BufReader, BufWriter, Write};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::thread::{JoinHandle, spawn};
-use std::time::Duration;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::{JoinHandle, sleep, spawn};
+use std::time::{Duration, Instant};
 
 /// How long an answer may take. A program that loads its libraries first takes some seconds.
 const LONGEST_ANSWER: Duration = Duration::from_secs(20);
+/// A longer line is no answer, bytes.
+const LONGEST_LINE: u64 = 4096;
 /// How much of a line is shown, in characters.
 const SHOWN: usize = 60;
 
@@ -21,7 +23,7 @@ const SHOWN: usize = 60;
 pub struct PlantProgram {
     command: String,
     child: Child,
-    drives: Option<BufWriter<ChildStdin>>,
+    drives: Option<SyncSender<f64>>,
     answers: Receiver<String>,
     complaints: Option<JoinHandle<String>>,
     longest_answer: Duration,
@@ -64,6 +66,21 @@ fn answer(line: &str) -> Option<(f64, Option<f64>)> {
     }
 }
 
+/// Lines of a program; one that is too long ends them.
+fn lines(from: impl Read) -> impl Iterator<Item = String> {
+    let mut from = BufReader::new(from);
+    let mut is_whole = true;
+    std::iter::from_fn(move || {
+        let mut line = Vec::new();
+        let read = (&mut from).take(LONGEST_LINE).read_until(b'\n', &mut line);
+        if !is_whole || read.ok()? == 0 {
+            return None;
+        }
+        is_whole = line.ends_with(b"\n");
+        Some(String::from_utf8_lossy(&line).trim_end().to_owned())
+    })
+}
+
 impl PlantProgram {
     /// Starts a program. It finds the sampling period, s, in its environment as `HYSTERON_PERIOD_S`.
     pub fn start(command: &str, period_s: f64) -> Result<Self> {
@@ -82,20 +99,24 @@ impl PlantProgram {
             .stderr(Stdio::piped())
             .spawn()
             .map_err(|e| Error::new("--plant", format!("cannot start `{program}`: {e}")))?;
-        let (sender, answers) = channel();
+        // One answer to one drive: both channels hold one, and what a program writes or does not read beyond
+        // that waits in its pipes.
+        let (sender, answers) = sync_channel(1);
         if let Some(out) = child.stdout.take() {
+            spawn(move || lines(out).try_for_each(|line| sender.send(line)));
+        }
+        let (drives, to_send) = sync_channel::<f64>(1);
+        if let Some(mut to) = child.stdin.take() {
+            // A program that does not read lets this thread wait, not the loop.
             spawn(move || {
-                for line in BufReader::new(out).lines().map_while(|line| line.ok()) {
-                    if sender.send(line).is_err() {
-                        break;
-                    }
-                }
+                to_send
+                    .iter()
+                    .try_for_each(|drive_v| to.write_all(format!("{drive_v}\n").as_bytes()))
             });
         }
         let complaints = child.stderr.take().map(|from| {
             spawn(move || {
-                let lines = BufReader::new(from).lines().map_while(|line| line.ok());
-                lines
+                lines(from)
                     .filter(|line| !line.trim().is_empty())
                     .last()
                     .unwrap_or_default()
@@ -103,7 +124,7 @@ impl PlantProgram {
         });
         Ok(Self {
             command: command.to_owned(),
-            drives: child.stdin.take().map(BufWriter::new),
+            drives: Some(drives),
             child,
             answers,
             complaints,
@@ -132,6 +153,11 @@ impl PlantProgram {
     /// How the program ended, and the last line of its complaints.
     fn ended(&mut self) -> String {
         self.drives = None;
+        let by = Instant::now() + self.longest_answer;
+        while matches!(self.child.try_wait(), Ok(None)) && Instant::now() < by {
+            sleep(Duration::from_millis(10));
+        }
+        let _ = self.child.kill();
         let status = match self.child.wait() {
             Ok(status) => status.to_string(),
             Err(error) => error.to_string(),
@@ -145,13 +171,36 @@ impl PlantProgram {
         )
     }
 
+    /// The numbers of the newest line.
+    fn require_answer(&self, line: &str) -> std::result::Result<(f64, Option<f64>), String> {
+        answer(line).ok_or_else(|| {
+            format!(
+                "answers `{}` in line {}. Expected the reading in um, and behind it the true position if it is known.",
+                shown(line),
+                self.answered
+            )
+        })
+    }
+
     fn exchange(&mut self, drive_v: f64) -> std::result::Result<(), String> {
-        let sent = self
-            .drives
-            .as_mut()
-            .is_some_and(|to| writeln!(to, "{drive_v}").and_then(|()| to.flush()).is_ok());
-        if !sent {
-            return Err(self.ended());
+        if let Ok(line) = self.answers.try_recv() {
+            self.answered += 1;
+            self.require_answer(&line)?;
+            return Err(format!(
+                "answers `{}` before drive {} is sent. It must read a line for each line that it writes.",
+                shown(&line),
+                self.answered
+            ));
+        }
+        match self.drives.as_ref().map(|drives| drives.try_send(drive_v)) {
+            Some(Ok(())) => {}
+            Some(Err(TrySendError::Full(_))) => {
+                return Err(format!(
+                    "has answered {} drives without reading them. It must read a line for each line that it writes.",
+                    self.answered
+                ));
+            }
+            Some(Err(TrySendError::Disconnected(_))) | None => return Err(self.ended()),
         }
         let line = match self.answers.recv_timeout(self.longest_answer) {
             Ok(line) => line,
@@ -166,13 +215,7 @@ impl PlantProgram {
             }
         };
         self.answered += 1;
-        let (reading_um, position_um) = answer(&line).ok_or_else(|| {
-            format!(
-                "answers `{}` in line {}. Expected the reading in um, and behind it the true position if it is known.",
-                shown(&line),
-                self.answered
-            )
-        })?;
+        let (reading_um, position_um) = self.require_answer(&line)?;
         self.knows_position &= position_um.is_some();
         (self.reading_um, self.position_um) = (reading_um, position_um.unwrap_or(reading_um));
         Ok(())
@@ -240,5 +283,29 @@ mod tests {
         plant.advance(2.0, 0.0);
         let said = plant.finish().unwrap_err().to_string();
         assert!(said.contains("has not answered drive 1 "), "{said}");
+    }
+
+    /// Programs that do not wait for their drives: each ends with a message, however much it writes.
+    #[test]
+    #[cfg(unix)]
+    fn one_that_answers_unasked_is_stopped_with_a_message() {
+        for (command, expected) in [
+            ("yes 1", "It must read a line for each line that it writes."),
+            (
+                "sh -c 'while :; do echo 1; sleep 0.0001; done'",
+                "It must read a line for each line that it writes.",
+            ),
+            ("cat /dev/zero", "in line 1. Expected the reading"),
+        ] {
+            let mut plant = PlantProgram::start(command, 5e-5).expect("starts");
+            for _ in 0..100_000 {
+                plant.advance(12.345_678_901_234_5, 0.0);
+                if plant.failure.is_some() {
+                    break;
+                }
+            }
+            let said = plant.finish().unwrap_err().to_string();
+            assert!(said.contains(expected), "{command}: {said}");
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! `simulate`.
 
+use crate::arguments::refuse_without_effect;
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::tables::say_notes;
@@ -33,6 +34,8 @@ pub fn simulate(
     let model = desk.model(wanted.model)?;
     let drive = wanted.drive;
     let played = if Path::new(drive).is_file() {
+        let rate = [("--rate-hz", wanted.rate_hz.is_some())];
+        refuse_without_effect("a drive that is a file, which has its own rate", &rate)?;
         played(&desk, &model, Path::new(drive), "a drive", reading)?
     } else {
         let rate_hz = wanted.rate_hz.unwrap_or_else(|| sample_rate_hz(&model));

@@ -165,10 +165,14 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         nm(result.truth.max_um)
     );
     println!(
-        "  read    RMS {}, max {}, as hardware shows it: {} of noise included ({} without)",
+        "  read    RMS {}, max {}, as hardware shows it: {} of noise {} ({} without)",
         nm(result.as_read.rms_um),
         nm(result.as_read.max_um),
         nm(result.noise_um),
+        match plant {
+            Some(_) => "beside what the program has of its own",
+            None => "included",
+        },
         nm(result.sensor.rms_um)
     );
     if let Some(step) = &result.step {
@@ -186,8 +190,9 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         );
     }
     println!(
-        "  mean error {}, {} saturated ticks",
+        "  mean error {} as read, {} true, {} saturated ticks",
         nm(result.steady_state_um),
+        nm(result.true_mean_um),
         result.saturated_ticks
     );
     let DriveFigures {

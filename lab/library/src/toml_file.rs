@@ -25,13 +25,16 @@ pub fn with_schema<T: DeserializeOwned>(text: &str, place: &str, schema: &str) -
         .as_ref()
         .and_then(|table| table.get("schema")?.as_str());
     if let Some(other) = said.filter(|said| *said != schema) {
-        let contents = content_of(other).zip(content_of(schema));
-        let contents = contents.map_or_else(String::new, |(other, expected)| {
-            format!(": this is {other}, not {expected}")
-        });
+        let why = match (content_of(other), content_of(schema)) {
+            (Some(found), Some(expected)) if found != expected => {
+                format!(": this is {found}, not {expected}")
+            }
+            (Some(found), Some(_)) => format!(": {found} of another version, which is not read"),
+            _ => String::new(),
+        };
         return Err(Error::new(
             place,
-            format!("schema = \"{other}\"; expected \"{schema}\"{contents}"),
+            format!("schema = \"{other}\"; expected \"{schema}\"{why}"),
         ));
     }
     // For text of another kind altogether, as a recording in the place of a model, the error gives what was

@@ -1,6 +1,7 @@
 //! Findings of a servo in sentences, for screens, pages and the lab.
 
 use hysteron::servo::check::below_one;
+use hysteron::servo::explanation::mass_in_words;
 use hysteron::servo::known::OnPlants;
 use hysteron::servo::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 use hysteron::servo::members::{OnMember, PlantBand};
@@ -257,8 +258,9 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
 #[must_use]
 pub fn on_plants(found: &OnPlants) -> String {
     let of = format!(
-        "the {} plants of a design and every missing response that is left possible",
-        found.plants
+        "the {} plants of a design (up to {} times the mass) and every missing response that is left possible",
+        found.plants,
+        mass_in_words(found.mass_to)
     );
     match &found.broken {
         Some(broken) => format!("does not hold for {of}: {broken}"),

@@ -430,10 +430,57 @@ fn models_that_were_edited_wrongly() {
         folder.path(),
         "schema = \"hysteron.servo/1\"; expected \"hysteron.model/",
     );
+    std::fs::write(
+        folder.path().join("newer.toml"),
+        "schema = \"hysteron.model/9\"\n",
+    )
+    .unwrap();
+    says(
+        &["compare", "newer.toml", "."],
+        folder.path(),
+        "expected \"hysteron.model/1\": a model of another version, which is not read",
+    );
     says(
         &["identify", ".", "--effects", "gain,hysteresis"],
         folder.path(),
         "stand in the same place",
+    );
+}
+
+#[test]
+fn a_misspelt_key_is_named_where_another_is_missing() {
+    refused(
+        Some(&MANIFEST.replace("role", "rool")),
+        &good_rows(100),
+        &["unknown field `rool`", "did you mean `role`?"],
+    );
+}
+
+#[test]
+fn a_rate_beside_a_drive_of_a_file_is_refused() {
+    let folder = folder_with_model();
+    says(
+        &words("simulate m.toml --drive a.csv --rate-hz 5 --out y.csv"),
+        folder.path(),
+        "--rate-hz: has no effect for a drive that is a file",
+    );
+}
+
+#[test]
+fn loops_without_an_inverse_are_not_exported_as_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let overview = hysteron::Overview::without_data(0.0, 100.0);
+    let mut model = hysteron::Model::new(0.0, 100.0);
+    // Behind a turn the loop first moves against its drive.
+    let effect = hysteron::effect_named("bouc_wen").unwrap();
+    let values = [9.0, 6.5, 2.7, 0.45];
+    model.add(hysteron::EffectInstance::new(effect, &overview, &values));
+    let text = hysteron::model_file::to_toml(&model, "loops").unwrap();
+    std::fs::write(folder.path().join("m.toml"), text).unwrap();
+    says(
+        &words("export m.toml --as c --inverse"),
+        folder.path(),
+        "the loops cannot be inverted: a section has a slope of -0.",
     );
 }
 

@@ -178,6 +178,9 @@ const KEYS: [&str; 28] = [
     "force",
 ];
 
+/// How the message of a key that is none of them begins.
+const UNKNOWN: &str = "unknown field `";
+
 /// Keys that a data set needs, and each of its records.
 const NEEDED: [&str; 3] = ["name", "drive_min_v", "drive_max_v"];
 const NEEDED_OF_A_RECORD: [&str; 3] = ["file", "role", "initial_state"];
@@ -231,7 +234,12 @@ impl Manifest {
                 return Err(Error::new(place, message));
             }
             let missing = missing_keys(&table);
-            if !missing.is_empty() {
+            // A key that is misspelt is missing too: the line that has it says more.
+            let is_misspelt = || {
+                let read = toml::from_str::<Self>(text);
+                read.is_err_and(|e| e.message().starts_with(UNKNOWN))
+            };
+            if !missing.is_empty() && !is_misspelt() {
                 return Err(Error::new(place, format!("misses {}", missing.join("; "))));
             }
         }
@@ -239,7 +247,7 @@ impl Manifest {
             let line = line_of(text, e.span());
             let message = e.message().to_string();
             let hint = message
-                .strip_prefix("unknown field `")
+                .strip_prefix(UNKNOWN)
                 .and_then(|rest| rest.split('`').next())
                 .map_or_else(String::new, |key| nearest(key, &KEYS.map(String::from)));
             let brief = if hint.is_empty() {

@@ -7,6 +7,7 @@ use super::language::Language;
 use super::laws::{Dialect, uses};
 use super::text::{cannot, described, fitted, identifier, number};
 use crate::error::{Error, Result};
+use crate::servo::model::least_slope;
 use hysteron_sim::block_chain::BlockChain;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{Place, rate_dependence};
@@ -42,6 +43,11 @@ pub fn inverse(
         return Err(refused(
             "the model has neither loops nor a gain; expected one of them",
         ));
+    }
+    if let Some(slope) = least_slope(model).filter(|slope| slope.is_nan() || *slope <= 0.0) {
+        return Err(refused(&format!(
+            "the loops cannot be inverted: a section has a slope of {slope:.2} times the mean one, so a displacement has several drives; record nested loops over the whole range"
+        )));
     }
     let chain = BlockChain::of(&loops, 1.0 / sample_rate_hz, Intersample::Hold)
         .map_err(|refused| cannot(&refused))?;

@@ -2,7 +2,7 @@
 
 use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel};
-use super::plant_set::PlantVariation;
+use super::plant_set::{HELD_MASSES, PlantVariation, mass_step, row};
 use super::sampled_loop::{FrequencyGrid, LawResponse, SampledLoop, let_through_um};
 use super::tuning::{Demands, PredictorTuning};
 use crate::parallel;
@@ -23,7 +23,7 @@ pub struct Margins {
     pub gain_plus_half: f64,
     /// One more period of delay.
     pub delay: f64,
-    /// Twice the moving mass.
+    /// Up to twice the moving mass.
     pub mass_double: f64,
     /// Two percent of the motion in a second mode at 6 times the first one's frequency, damping ratio 0.02,
     /// that the design does not know (only where the model has no second mode); otherwise the known second
@@ -128,7 +128,9 @@ pub fn assess<T>(
         gain_half: on(0.5).spectral_radius(),
         gain_plus_half: on(1.5).spectral_radius(),
         delay: on_other(PlantVariation::with_delay_s(linear.period_s), linear),
-        mass_double: on_other(PlantVariation::with_mass_ratio(2.0), linear),
+        mass_double: row(1.0, HELD_MASSES[0], mass_step(linear))
+            .map(|mass| on_other(PlantVariation::with_mass_ratio(mass), linear))
+            .fold(0.0, f64::max),
         second_mode: on_other(PlantVariation::NONE, &with_other_mode(linear)),
         sensitivity_peak: response.sensitivity_peak().0,
     };

@@ -1,6 +1,7 @@
 //! Candidates of a scan: which laws there are to choose among, what each is worth, and which is chosen.
 
 use super::law::PredictorDesign;
+use super::plant_set::PlantName;
 use super::sampled_loop::decibels;
 use super::tuning::{Demands, PredictorTuning};
 
@@ -42,11 +43,11 @@ pub trait Family: Sync {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Broken {
     /// Unstable on a member of the set.
-    Member(&'static str),
+    Member(PlantName),
     /// The peak of the sensitivity.
     Sensitivity,
     /// On a member of the set it may go on swinging between the limits of the drive.
-    Limit(&'static str),
+    Limit(PlantName),
     /// A missing response that is not excluded, at this frequency.
     Unknown {
         /// Hz.
@@ -127,6 +128,8 @@ pub(super) fn holds_if_recorded<T>(candidate: &Candidate<T>) -> bool {
 pub struct Scan<T = PredictorTuning> {
     /// All candidates, by [`Candidate::cost_um`].
     pub candidates: Vec<Candidate<T>>,
+    /// Mass over the model's up to which they were judged.
+    pub mass_to: f64,
 }
 
 impl<T> Scan<T> {
@@ -189,6 +192,7 @@ mod tests {
         let taken = |usual_um: f64, wanted: bool| {
             let scan = Scan {
                 candidates: vec![candidate(0.006, 2.4), candidate(usual_um, 1.7)],
+                mass_to: 2.0,
             };
             scan.chosen(wanted).unwrap().sensitivity_peak
         };

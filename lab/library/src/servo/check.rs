@@ -7,7 +7,7 @@ use super::known::{ASSUMED_NOISE_UM, OnPlants, Reckoned, known_delay_s};
 use super::law::PredictorDesign;
 use super::loop_margins::{Loop, LoopMargins};
 use super::model::{ActuatorModel, NominalModel, first_falls_um, required_model};
-use super::plant_set::PlantVariation;
+use super::plant_set::{HELD_MASSES, PlantVariation};
 use super::sampled_loop::{SampledLoop, used_poles};
 use super::thesis_conditions::{self, ContinuousConditions, pairs};
 use super::thesis_schemes::{ReachingGains, SlidingModeLaw};
@@ -220,7 +220,9 @@ impl Actuator<'_> {
             recording: self.reckoned.recording(),
         }
         .judged();
-        out.on_plants = Some(self.reckoned.judge(law, mean));
+        let basis = self.design.basis.as_ref();
+        let mass_to = basis.map_or(HELD_MASSES[0], |basis| basis.mass_to);
+        out.on_plants = Some(self.reckoned.judge(law, mean, mass_to));
         out.stable = true;
         let poles = SampledLoop::new(law, &plant).with_gain(mean).poles();
         out.judge_poles(&poles, "with the mean gain");

@@ -7,6 +7,7 @@ use super::gain_adaptation::AdaptationDesign;
 use super::law::PredictorDesign;
 use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel};
+use super::plant_set::HELD_MASSES;
 use super::predictor::tune;
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
@@ -113,6 +114,13 @@ pub struct DesignBasis {
     pub second: Option<ModeSpread>,
     /// Delay of the drive that the observer does not carry, s.
     pub delay_s: f64,
+    /// Mass over the model's up to which it holds.
+    #[serde(default = "most_mass")]
+    pub mass_to: f64,
+}
+
+fn most_mass() -> f64 {
+    HELD_MASSES[0]
 }
 
 /// A design: everything that is needed to make the integers of the tick.
@@ -234,7 +242,7 @@ impl ServoDesign {
                 1e3 * demands.model_error_um
             ),
             format!(
-                "Largest sampled eigenvalue: nominal {:.3}; gain -50 % {:.3}, +50 % {:.3}; one more period of delay {:.3}; twice the mass {:.3}; {} {:.3}. Peak sensitivity {:.2}.",
+                "Largest sampled eigenvalue: nominal {:.3}; gain -50 % {:.3}, +50 % {:.3}; one more period of delay {:.3}; up to twice the mass {:.3}; {} {:.3}. Peak sensitivity {:.2}.",
                 m.nominal,
                 m.gain_half,
                 m.gain_plus_half,

@@ -11,6 +11,7 @@ use super::plant_set::PlantVariation;
 use super::recording::ServoRecording;
 use super::robust::Task;
 use super::sampled_loop::decibels;
+use super::schemes::SchemeChoice;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Place;
 
@@ -44,11 +45,17 @@ pub(super) fn shortcomings(
 }
 
 /// Why no candidate is left.
-fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
+fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>, scheme: SchemeChoice) -> String {
+    let instead = match scheme {
+        SchemeChoice::Predictor => {
+            "a lower --reference-hz or another --sensor-noise-um gives other tunings"
+        }
+        _ => "choose --scheme predictor, or compare others with `check --scheme NAME`",
+    };
     let in_words = |(broken, times): &(Broken, f64)| {
         match broken {
-        Broken::Member(name) => format!("with {name} none of the tunings is stable"),
-        Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
+        Broken::Member(name) => format!("{name} none of the tunings is stable; {instead}"),
+        Broken::Limit(name) => format!("{name} every tuning could go on swinging between the limits of the drive; {instead}"),
         Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
         Broken::Unknown { hz } => {
             format!(
@@ -82,6 +89,7 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
 pub(super) struct ScanWords<'a> {
     pub task: &'a Task<'a>,
     pub recording: Option<&'a ServoRecording>,
+    pub scheme: SchemeChoice,
     pub inverse: bool,
 }
 
@@ -93,7 +101,7 @@ impl ScanWords<'_> {
     ) -> Result<(&'a Candidate<T>, Vec<String>), String> {
         let chosen = scan
             .chosen(self.task.demands.usual_margins)
-            .ok_or_else(|| refusal(scan, self.recording))?;
+            .ok_or_else(|| refusal(scan, self.recording, self.scheme))?;
         let (Task { first, demands, .. }, good) = (
             self.task,
             scan.candidates
@@ -128,7 +136,8 @@ impl ScanWords<'_> {
                 1e3 * demands.model_error_um
             ),
             format!(
-                "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). {}.",
+                "It holds with the gain from half to one and a half, up to a period more of delay, up to {} times the mass, the first mode up to {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). {}.",
+                mass_in_words(scan.mass_to),
                 100.0 * first.frequency,
                 100.0 * first.damping,
                 chosen.unknown.1,
@@ -136,6 +145,13 @@ impl ScanWords<'_> {
                 capital(&margins_in_words(chosen))
             ),
         ];
+        if scan.mass_to < self.task.mass_to {
+            out.push(format!(
+                "CAUTION: no tuning that was tried holds up to {} times the mass: do not load the stage with more than {} times its moving mass without another design.",
+                mass_in_words(self.task.mass_to),
+                mass_in_words(scan.mass_to)
+            ));
+        }
         out.extend(self.price_of_margins(scan, chosen));
         let worth =
             |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
@@ -187,6 +203,13 @@ impl ScanWords<'_> {
             ),
         })
     }
+}
+
+/// A mass over the model's, rounded to what holds.
+#[must_use]
+pub fn mass_in_words(mass_to: f64) -> String {
+    let shown = format!("{:.2}", (100.0 * mass_to).floor() / 100.0);
+    shown.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn usual_margins_in_words() -> String {

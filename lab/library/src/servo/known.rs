@@ -120,6 +120,8 @@ pub(super) struct Known {
     pub model: ActuatorModel,
     pub first: ModeSpread,
     pub second: Option<ModeSpread>,
+    /// The model's second mode, where it stays out of the observer.
+    pub left_out: Option<(f64, ModeModel)>,
     pub recording: Option<ServoRecording>,
 }
 
@@ -147,10 +149,12 @@ pub(super) fn known(
         if model.linear.second_mode.is_some() {
             said.push("The model's second mode stays out of the observer: without the recording nothing says that it is a fact.".into());
         }
+        let left_out = model.linear.second_mode;
         return Ok(Known {
             model: dropped(model),
             first,
             second: None,
+            left_out,
             recording: None,
         });
     };
@@ -163,6 +167,7 @@ pub(super) fn known(
             model,
             first,
             second: None,
+            left_out: None,
             recording: Some(with),
         });
     };
@@ -197,6 +202,7 @@ pub(super) fn known(
                 model,
                 first,
                 second: Some(ModeSpread::from_deviations(std[0], std[1])),
+                left_out: None,
                 recording: Some(with),
             })
         }
@@ -228,6 +234,7 @@ pub(super) fn known(
                 model,
                 first,
                 second: None,
+                left_out: Some((share, mode)),
                 recording: Some(recording),
             })
         }
@@ -238,6 +245,8 @@ pub(super) fn known(
 pub struct OnPlants {
     /// Plants of the set, beside every missing response that is left possible.
     pub plants: usize,
+    /// Mass over the model's up to which they go.
+    pub mass_to: f64,
     /// The first condition that it breaks, in words; none where it holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken: Option<String>,
@@ -275,12 +284,14 @@ impl Reckoned {
         self.known.recording.as_ref()
     }
 
-    /// Judges a law on an actuator with this gain over the one that the law inverts.
-    pub(super) fn judge(&self, law: &PredictorDesign, gain_ratio: f64) -> OnPlants {
+    /// Judges a law on an actuator with this gain over the one that the law inverts, up to this mass over
+    /// the model's.
+    pub(super) fn judge(&self, law: &PredictorDesign, gain_ratio: f64, mass_to: f64) -> OnPlants {
         let Known {
             model,
             first,
             second,
+            left_out,
             recording,
         } = &self.known;
         let demands = Demands {
@@ -291,15 +302,17 @@ impl Reckoned {
             linear: model.linear,
             first: *first,
             second: *second,
+            left_out: *left_out,
             delay_s: self.delay_s,
             recording: recording.as_ref(),
             mode_moves: 0.0,
+            mass_to,
             demands,
         };
         let (found, plants) = task.judge_law(law, gain_ratio);
         let broken = found.broken.map(|broken| match broken {
-            Broken::Member(name) => format!("with {name} it is unstable"),
-            Broken::Limit(name) => format!("with {name} it could go on swinging between the limits of the drive"),
+            Broken::Member(name) => format!("{name} it is unstable"),
+            Broken::Limit(name) => format!("{name} it could go on swinging between the limits of the drive"),
             Broken::Sensitivity | Broken::Integers => "its sensitivity is not finite".to_owned(),
             Broken::Unknown { hz } => format!(
                 "a mode near {hz:.0} Hz could make it unstable; {}",
@@ -311,6 +324,7 @@ impl Reckoned {
         });
         OnPlants {
             plants,
+            mass_to,
             broken,
             missing_response: found.unknown,
         }

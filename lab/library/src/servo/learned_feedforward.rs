@@ -778,9 +778,11 @@ mod tests {
             linear: linear(),
             first: spread,
             second: Some(spread),
+            left_out: None,
             delay_s: 0.0,
             recording: None,
             mode_moves: 0.0,
+            mass_to: 2.0,
             demands: Demands::default(),
         }
     }

@@ -15,7 +15,7 @@ use super::from_rest::Beginning;
 use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::ReferenceBand;
-use super::plant_set::PlantVariation;
+use super::plant_set::{DELAY_STEP, GAIN_STEP, PlantVariation, mass_step};
 use super::recording::ServoRecording;
 use super::sampled_loop::{FrequencyGrid, ResponsePoint, SampledLoop, decibels};
 use serde::{Deserialize, Serialize};
@@ -225,21 +225,36 @@ impl Loop<'_> {
             return FirstUnstable::default();
         }
         let steps = |factor: f64| {
-            (1..200)
+            (1..)
                 .map(move |i| factor.powi(i))
                 .take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR)
         };
-        let (up, down) = (|| steps(1.05), || steps(1.0 / 1.05));
+        let mass_step = mass_step(self.linear);
         let period_s = self.linear.period_s;
         let delays = (1..)
-            .map(|i| 0.1 * f64::from(i))
+            .map(|i| DELAY_STEP * f64::from(i))
             .take_while(|d| *d <= longest_delay)
             .map(|d| d * period_s);
         FirstUnstable {
-            gain_up: self.first(laws, 1.0, up(), &PlantVariation::with_gain),
-            gain_down: self.first(laws, 1.0, down(), &PlantVariation::with_gain),
-            mass_up: self.first(laws, 1.0, up(), &PlantVariation::with_mass_ratio),
-            mass_down: self.first(laws, 1.0, down(), &PlantVariation::with_mass_ratio),
+            gain_up: self.first(laws, 1.0, steps(GAIN_STEP), &PlantVariation::with_gain),
+            gain_down: self.first(
+                laws,
+                1.0,
+                steps(1.0 / GAIN_STEP),
+                &PlantVariation::with_gain,
+            ),
+            mass_up: self.first(
+                laws,
+                1.0,
+                steps(mass_step),
+                &PlantVariation::with_mass_ratio,
+            ),
+            mass_down: self.first(
+                laws,
+                1.0,
+                steps(1.0 / mass_step),
+                &PlantVariation::with_mass_ratio,
+            ),
             delay_s: self.first(laws, 1e-3 * period_s, delays, &PlantVariation::with_delay_s),
             mode: mode(),
         }

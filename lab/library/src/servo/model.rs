@@ -502,6 +502,25 @@ pub(super) fn first_falls_um(
         .collect()
 }
 
+/// Least slope of a section of a chain's own loops, as a share of the mean one; none where its loops cannot
+/// be stepped by themselves. Where it is not positive one displacement has several drives.
+#[must_use]
+pub fn least_slope(chain: &Model) -> Option<f64> {
+    let main = (chain.effects.iter()).find(|e| e.effect.declaration().is_main())?;
+    if main.id == hysteresis::ID
+        && let Some(model) = actuator_model(chain)
+    {
+        return Some(model.slope_range().0);
+    }
+    let falls = first_falls_um(chain, [chain.drive_min_v, chain.drive_max_v], LOOP_GRID)?;
+    let risen = |turn: usize| falls[turn][turn];
+    let whole = risen(LOOP_GRID) - falls[LOOP_GRID][0];
+    let fallen = (1..=LOOP_GRID).flat_map(|turn| falls[turn].windows(2).map(|w| w[1] - w[0]));
+    let rises = (1..=LOOP_GRID).map(|turn| risen(turn) - risen(turn - 1));
+    let steps = rises.chain(fallen.collect::<Vec<_>>());
+    Some(steps.fold(f64::INFINITY, f64::min) * LOOP_GRID as f64 / whole)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -238,9 +238,11 @@ mod tests {
                 linear: light(),
                 first,
                 second: Some(known),
+                left_out: None,
                 delay_s: 0.0,
                 recording: None,
                 mode_moves,
+                mass_to: 2.0,
                 demands,
             };
             PredictorDesign::new(&light(), &task.scan().best().expect("some hold").tuning)

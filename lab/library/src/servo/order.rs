@@ -17,9 +17,10 @@ use super::law::PredictorDesign;
 use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::FARTHEST;
+use super::plant_set::HELD_MASSES;
 use super::quantise::QuantisationError;
 use super::robust::{Task, within_nyquist};
-use super::schemes::{self, LARGEST_OVER_RMS, SchemeChoice, left_without_inverse_um};
+use super::schemes::{self, Chosen, LARGEST_OVER_RMS, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
 use super::tuning::{Demands, PredictorTuning};
 use crate::dataset::Dataset;
@@ -340,21 +341,22 @@ fn known_model(chain: &Model) -> Result<ActuatorModel, String> {
     }
 }
 
-/// A scheme with its gains, why, and the scan of a predictor.
+/// What was chosen for a scheme, and the scan of a predictor.
 fn chosen_scheme(
     choice: SchemeChoice,
     inverse: bool,
     model: &ActuatorModel,
     task: &Task<'_>,
-) -> Result<(Scheme, Vec<String>, Option<Scan>), String> {
+) -> Result<(Chosen, Option<Scan>), String> {
     let words = ScanWords {
         task,
         recording: task.recording,
+        scheme: choice,
         inverse,
     };
     if choice != SchemeChoice::Predictor {
         let chosen = schemes::choose(choice, inverse, model, task, &words)?;
-        return Ok((chosen.scheme, chosen.said, None));
+        return Ok((chosen, None));
     }
     let scan = task.scan();
     let (chosen, said) = words.explain(&scan)?;
@@ -362,7 +364,12 @@ fn chosen_scheme(
         tuning: chosen.tuning,
         hysteresis_inverse: inverse,
     };
-    Ok((scheme, said, Some(scan)))
+    let chosen = Chosen {
+        scheme,
+        said,
+        mass_to: scan.mass_to,
+    };
+    Ok((chosen, Some(scan)))
 }
 
 /// What a chain has that the observer does not carry, in sentences.
@@ -438,6 +445,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         model,
         mut first,
         second,
+        left_out,
         recording,
     } = known(chain, model, order.recording, &mut said)?;
     first.frequency = first.frequency.max(order.mode_moves);
@@ -470,6 +478,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         first,
         second,
         delay_s: known_delay_s(chain),
+        mass_to: HELD_MASSES[0],
     };
     if !order.inverse {
         demands.model_error_um = demands
@@ -480,8 +489,10 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
         linear: model.linear,
         first,
         second,
+        left_out,
         recording: recording.as_ref(),
         mode_moves: order.mode_moves,
+        mass_to: basis.mass_to,
         demands,
         delay_s: basis.delay_s,
     };
@@ -492,12 +503,15 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     } else {
         None
     };
-    let (scheme, explanation, scan) = chosen_scheme(order.scheme, order.inverse, &model, &task)?;
+    let (found, scan) = chosen_scheme(order.scheme, order.inverse, &model, &task)?;
     let best = scan.as_ref().and_then(|scan| scan.chosen(usual_margins));
-    let mut design = ServoDesign::new(scheme, &model, true);
-    design.explanation = explanation;
+    let mut design = ServoDesign::new(found.scheme, &model, true);
+    design.explanation = found.said;
     design.noise_shaping = true;
-    design.basis = Some(basis);
+    design.basis = Some(DesignBasis {
+        mass_to: found.mass_to,
+        ..basis
+    });
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, model.linear.period_s, &mut said);
     design
@@ -543,14 +557,17 @@ fn without_recording(design: &ServoDesign) -> Task<'static> {
         first: UNCONFIRMED,
         second: linear.second_mode.map(|_| UNCONFIRMED),
         delay_s: 0.0,
+        mass_to: HELD_MASSES[0],
     });
     Task {
         linear,
         first: basis.first,
         second: basis.second,
+        left_out: None,
         delay_s: basis.delay_s,
         recording: None,
         mode_moves: 0.0,
+        mass_to: HELD_MASSES[0],
         demands: basis.demands,
     }
 }
@@ -571,7 +588,7 @@ pub fn scheme_without_recording(
         let left_um = left_without_inverse_um(model).0;
         task.demands.model_error_um = task.demands.model_error_um.max(left_um);
     }
-    Ok(chosen_scheme(choice, inverse, model, &task)?.0)
+    Ok(chosen_scheme(choice, inverse, model, &task)?.0.scheme)
 }
 
 /// Why there is no servo although a tuning holds.
@@ -685,9 +702,11 @@ mod tests {
                 },
                 first: spread,
                 second: second.then_some(spread),
+                left_out: None,
                 delay_s: 0.0,
                 recording: None,
                 mode_moves: 0.0,
+                mass_to: HELD_MASSES[0],
                 demands: Demands {
                     reference_hz,
                     ..Demands::default()

@@ -4,6 +4,70 @@
 use super::model::{LinearModel, ModeModel, SampledModel};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::{LN_2, SQRT_2};
+use std::fmt;
+
+/// Masses over the model's up to which a design holds: the largest for which some tuning does.
+pub const HELD_MASSES: [f64; 3] = [2.0, SQRT_2, 1.189_207_115_002_721];
+/// Factor between the gains that are tried: nothing resonates with a gain.
+pub const GAIN_STEP: f64 = 1.05;
+/// Periods between the delays that are tried.
+pub const DELAY_STEP: f64 = 0.1;
+/// A mode is moved by its damping ratio, half of the width of its resonance, but not by less than this share
+/// of its frequency, ...
+const LEAST_MODE_STEP: f64 = 0.005;
+/// ... nor by more.
+const MOST_MODE_STEP: f64 = 0.025;
+
+/// Values from near `from` to `to`, each at most the factor `step` from the next; the last of them stands in
+/// front, since most loops that are unstable are so there.
+pub(super) fn row(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
+    let whole = (to / from).ln();
+    // What is a whole number of steps stays so, whatever the rounding.
+    let count = (whole / step.ln() - 1e-9).abs().ceil().max(1.0) as i32;
+    std::iter::once(count)
+        .chain(1..count)
+        .map(move |i| from * (whole * f64::from(i) / f64::from(count)).exp())
+}
+
+/// By how much a mode is moved between two plants of a set, relative to its frequency.
+pub(super) fn mode_step(mode: &ModeModel) -> f64 {
+    mode.damping_ratio.clamp(LEAST_MODE_STEP, MOST_MODE_STEP)
+}
+
+/// Factor between the masses that are tried: it moves no mode by more than [`mode_step`], and each of
+/// [`HELD_MASSES`] is a power of it.
+pub(super) fn mass_step(linear: &LinearModel) -> f64 {
+    let heaviest = linear.with_mass_ratio(HELD_MASSES[0]);
+    let second = heaviest.second_mode.iter().map(|(_, mode)| mode);
+    let step = second
+        .chain([&heaviest.first_mode])
+        .map(mode_step)
+        .fold(f64::INFINITY, f64::min);
+    let quarters = (0.25 * LN_2 / (2.0 * step.ln_1p())).ceil();
+    (0.25 * LN_2 / quarters).exp()
+}
+
+/// What a plant of a set has that the model has not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlantName {
+    /// Nothing.
+    Model,
+    /// So many times something of the model's.
+    Times(f64, &'static str),
+    /// So many periods more of delay.
+    Delayed(f64),
+}
+
+impl fmt::Display for PlantName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Model => write!(f, "on the model itself"),
+            Self::Times(factor, of) => write!(f, "with {factor:.2} times {of}"),
+            Self::Delayed(periods) => write!(f, "with {periods:.1} periods more of delay"),
+        }
+    }
+}
 
 /// How a plant differs from a linear model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

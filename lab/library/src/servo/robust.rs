@@ -4,10 +4,11 @@
 //! Each candidate of a family of laws ([`Family`]; the tunings of [`super::predictor`] go from a few rad/s of
 //! bandwidth to beyond the first mode) must
 //!
-//! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, a
-//!    period more of delay, more mass, and modes moved by three standard deviations (never less than
-//!    [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated deviation can be too small
-//!    where a model lacks something);
+//! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, up to
+//!    a period more of delay, up to twice the mass, and modes moved by up to three standard deviations
+//!    (never less than [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated deviation can
+//!    be too small where a model lacks something). A resonance that moves can make a loop unstable on its
+//!    way and stable again at the end of it, so each range is a row of members ([`super::plant_set`]);
 //! 2. keep its largest sensitivity;
 //! 3. stay stable on every member where the drive stands at a limit for part of a cycle
 //!    ([`PredictorDesign::at_a_limit`]): what throws it to a limit must not keep it there;
@@ -23,7 +24,8 @@
 //! frequency of references and at a tenth of it (times what a reference becomes at worst where the order
 //! lets the first mode move: [`MovingMode`]). From there the tuning is refined between the points of the
 //! scan, with the fast noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth
-//! condition costs is found by leaving it out, and told.
+//! condition costs is found by leaving it out, and told. Where the mass alone keeps every candidate from
+//! being taken the range of the mass becomes smaller ([`HELD_MASSES`]), and the design says so.
 use super::assessment::{Assessment, assess};
 use super::candidate::{
     Broken, Candidate, Family, Scan, holds, holds_if_recorded, holds_with_usual_margins,
@@ -31,7 +33,9 @@ use super::candidate::{
 use super::law::PredictorDesign;
 use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::MovingMode;
-use super::plant_set::PlantVariation;
+use super::plant_set::{
+    DELAY_STEP, GAIN_STEP, HELD_MASSES, PlantName, PlantVariation, mass_step, mode_step, row,
+};
 use super::predictor::Predictors;
 use super::recording::ServoRecording;
 use super::sampled_loop::{
@@ -61,6 +65,9 @@ const LAST_STEP: f64 = 1.2;
 const MOST_STEPS: usize = 40;
 /// A step must bring the cost below this share.
 const LEAST_GAIN: f64 = 0.995;
+
+/// How a plant of another mass is called.
+const MASS: &str = "the mass";
 
 /// Shares of what is commanded that act where the drive stands at a limit for part of a cycle.
 const LIMIT_SHARES: [f64; 5] = [0.6, 0.35, 0.2, 0.1, 0.05];
@@ -109,12 +116,27 @@ impl ModeSpread {
             damping: (3.0 * damping_std).clamp(LEAST_DAMPING_SPREAD, 0.9),
         }
     }
-    /// A mode at one end of its frequencies (-1 or 1), least damped.
-    fn moved(&self, mode: ModeModel, up: f64) -> ModeModel {
-        ModeModel {
-            natural_frequency_rad_s: mode.natural_frequency_rad_s * (1.0 + up * self.frequency),
-            damping_ratio: mode.damping_ratio * (1.0 - self.damping),
-        }
+    /// A mode over its frequencies, least damped, each with its frequency over the mode's.
+    fn moved(&self, mode: ModeModel) -> impl Iterator<Item = (f64, ModeModel)> {
+        let damping_ratio = mode.damping_ratio * (1.0 - self.damping);
+        let step = 1.0
+            + mode_step(&ModeModel {
+                damping_ratio,
+                ..mode
+            });
+        let [low, high] = [-1.0, 1.0].map(|way| 1.0 + way * self.frequency);
+        row(1.0, low, step)
+            .chain(row(1.0, high, step))
+            .map(move |factor| {
+                let natural_frequency_rad_s = factor * mode.natural_frequency_rad_s;
+                (
+                    factor,
+                    ModeModel {
+                        natural_frequency_rad_s,
+                        damping_ratio,
+                    },
+                )
+            })
     }
 }
 
@@ -126,6 +148,8 @@ pub struct Task<'a> {
     pub first: ModeSpread,
     /// Spread of the second one, if there is one.
     pub second: Option<ModeSpread>,
+    /// A second mode that the model has and the observer does not carry: the loop has to hold with it too.
+    pub left_out: Option<(f64, ModeModel)>,
     /// Delay of the drive that the actuator is known to have and the observer does not carry, s.
     pub delay_s: f64,
     /// The recording, if it is at hand.
@@ -133,6 +157,9 @@ pub struct Task<'a> {
     /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it
     /// does. Beside it the spread of [`Task::first`] has to be as large.
     pub mode_moves: f64,
+    /// Mass over the model's up to which the loop has to hold. A scan of which no tuning does looks for
+    /// less.
+    pub mass_to: f64,
     /// What is asked.
     pub demands: Demands,
 }
@@ -143,7 +170,7 @@ struct Conditions {
     plant: Vec<Complex<f64>>,
     unknown: Vec<f64>,
     nominal: SampledModel,
-    members: Vec<(&'static str, SampledModel)>,
+    members: Vec<(PlantName, SampledModel)>,
     moving: Option<MovingMode>,
     demands: Demands,
 }
@@ -189,37 +216,47 @@ impl Task<'_> {
             .sampled(linear)
         };
         let nominal = on(PlantVariation::NONE, &self.linear);
-        let mut members = vec![("nominal", nominal.clone())];
-        let varied = [
-            ("half the gain", PlantVariation::with_gain(0.5)),
-            (
-                "one and a half times the gain",
-                PlantVariation::with_gain(1.5),
-            ),
-            (
-                "a period more of delay",
-                PlantVariation::with_delay_s(self.linear.period_s),
-            ),
-            ("twice the mass", PlantVariation::with_mass_ratio(2.0)),
-            ("1.4 times the mass", PlantVariation::with_mass_ratio(1.4)),
-        ];
-        members.extend(varied.map(|(name, variation)| (name, on(variation, &self.linear))));
-        for up in [-1.0, 1.0] {
-            for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD] {
-                let gain = PlantVariation::with_gain(gain);
-                let first_mode = self.first.moved(self.linear.first_mode, up);
+        let mut members = Vec::new();
+        let mut add = |name: PlantName, variation: PlantVariation, linear: &LinearModel| {
+            members.push((name, on(variation, linear)));
+        };
+        let with_second = self.left_out.map(|second| LinearModel {
+            second_mode: Some(second),
+            ..self.linear
+        });
+        for linear in std::iter::once(self.linear).chain(with_second) {
+            add(PlantName::Model, PlantVariation::NONE, &linear);
+            for gain in row(1.0, 0.5, GAIN_STEP).chain(row(1.0, 1.5, GAIN_STEP)) {
+                let name = PlantName::Times(gain, "the gain");
+                add(name, PlantVariation::with_gain(gain), &linear);
+            }
+            for tenths in [10, 5, 1, 2, 3, 4, 6, 7, 8, 9] {
+                let periods = DELAY_STEP * f64::from(tenths);
+                let variation = PlantVariation::with_delay_s(periods * linear.period_s);
+                add(PlantName::Delayed(periods), variation, &linear);
+            }
+            for mass in row(1.0, self.mass_to, mass_step(&linear)) {
+                let variation = PlantVariation::with_mass_ratio(mass);
+                add(PlantName::Times(mass, MASS), variation, &linear);
+            }
+        }
+        for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD].map(PlantVariation::with_gain) {
+            for (factor, first_mode) in self.first.moved(self.linear.first_mode) {
                 let linear = LinearModel {
                     first_mode,
                     ..self.linear
                 };
-                members.push(("the first mode moved", on(gain, &linear)));
-                if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second)
-                {
+                let name = PlantName::Times(factor, "the frequency of the first mode");
+                add(name, gain, &linear);
+            }
+            if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second) {
+                for (factor, mode) in spread.moved(mode) {
                     let linear = LinearModel {
-                        second_mode: Some((share, spread.moved(mode, up))),
+                        second_mode: Some((share, mode)),
                         ..self.linear
                     };
-                    members.push(("the second mode moved", on(gain, &linear)));
+                    let name = PlantName::Times(factor, "the frequency of the second mode");
+                    add(name, gain, &linear);
                 }
             }
         }
@@ -263,6 +300,18 @@ impl Task<'_> {
     /// The same for the laws of a family.
     #[must_use]
     pub fn scan_of<F: Family>(&self, family: &F) -> Scan<F::Tuning> {
+        let scan = self.scan_at_mass(family);
+        if !mass_is_in_the_way(&scan) {
+            return scan;
+        }
+        let less = HELD_MASSES.into_iter().filter(|m| *m < self.mass_to);
+        less.map(|mass_to| Task { mass_to, ..*self }.scan_at_mass(family))
+            .find(|scan| scan.best().is_some())
+            .unwrap_or(scan)
+    }
+
+    /// A scan whose tunings have to hold for all of [`Task::mass_to`].
+    fn scan_at_mass<F: Family>(&self, family: &F) -> Scan<F::Tuning> {
         let conditions = self.conditions();
         let mut candidates = grid(family, &conditions);
         // The best that holds, the one that a better recording would allow, and the one with the usual
@@ -283,7 +332,10 @@ impl Task<'_> {
                 candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
             }
         }
-        Scan { candidates }
+        Scan {
+            candidates,
+            mass_to: self.mass_to,
+        }
     }
 
     /// The grid of the predictors alone.
@@ -291,6 +343,7 @@ impl Task<'_> {
     pub fn coarse_scan(&self) -> Scan {
         Scan {
             candidates: grid(&Predictors(&self.linear), &self.conditions()),
+            mass_to: self.mass_to,
         }
     }
 
@@ -308,6 +361,15 @@ impl Task<'_> {
             accepted: candidate.broken.is_none(),
         }
     }
+}
+
+/// Whether no candidate holds, whatever a recording would exclude, and some fail with more mass.
+fn mass_is_in_the_way<T>(scan: &Scan<T>) -> bool {
+    let with_mass = |name: &PlantName| matches!(name, PlantName::Times(_, of) if *of == MASS);
+    scan.best_if_recorded().is_none()
+        && scan.candidates.iter().any(|c| {
+            matches!(&c.broken, Some(Broken::Member(name) | Broken::Limit(name)) if with_mass(name))
+        })
 }
 
 fn grid<F: Family>(family: &F, conditions: &Conditions) -> Vec<Candidate<F::Tuning>> {
@@ -374,7 +436,7 @@ fn judge<F: Family>(
         phase_margin_deg: 0.0,
     };
     let Some(design) = family.law(tuning) else {
-        out.broken = Some(Broken::Member("nominal"));
+        out.broken = Some(Broken::Member(PlantName::Model));
         return out;
     };
     let beside = family.beside(tuning);
@@ -383,7 +445,7 @@ fn judge<F: Family>(
         !laws().all(|law| SampledLoop::new(law, plant).is_stable())
     });
     if let Some((name, _)) = unstable {
-        out.broken = Some(Broken::Member(name));
+        out.broken = Some(Broken::Member(*name));
         return out;
     }
     let (law, demands) = (LawResponse::new(&design), &conditions.demands);
@@ -422,13 +484,11 @@ fn first_broken<T>(
     }
     let limited = LIMIT_SHARES.map(|share| law.at_a_limit(share));
     let swings_on = |plant: &SampledModel| {
-        let mut radii = limited
-            .iter()
-            .map(|law| SampledLoop::new(law, plant).spectral_radius());
-        radii.any(|radius| radius >= 1.0)
+        let mut laws = limited.iter();
+        laws.any(|law| !SampledLoop::new(law, plant).is_stable())
     };
     if let Some((name, _)) = conditions.members.iter().find(|(_, p)| swings_on(p)) {
-        Some(Broken::Limit(name))
+        Some(Broken::Limit(*name))
     } else if out.unknown.0.is_nan() || out.unknown.0 > 1.0 {
         Some(Broken::Unknown { hz: out.unknown.1 })
     } else if !out.fits {
@@ -516,9 +576,11 @@ mod tests {
             linear: linear(false),
             first: spread,
             second: Some(spread),
+            left_out: None,
             delay_s: 0.0,
             recording: None,
             mode_moves: 0.0,
+            mass_to: HELD_MASSES[0],
             demands: Demands::default(),
         };
         let scan = task.scan();
@@ -554,5 +616,134 @@ mod tests {
                 "{hz} Hz: {answer}"
             );
         }
+    }
+
+    #[test]
+    fn a_second_mode_that_the_observer_lacks_is_among_the_plants() {
+        let task = with_two_modes();
+        let (law, light) = (
+            PredictorDesign::new(&linear(false), &PredictorTuning::START),
+            ModeModel {
+                natural_frequency_rad_s: TAU * 2500.0,
+                damping_ratio: 0.003,
+            },
+        );
+        let alone = Task {
+            linear: linear(false),
+            mass_to: 1.01,
+            ..task
+        };
+        let beside = Task {
+            left_out: Some((0.2, light)),
+            ..alone
+        };
+        let broken = |task: &Task<'_>| task.judge_law(&law, 1.0).0.broken;
+        assert!(!matches!(broken(&alone), Some(Broken::Member(_))));
+        assert_eq!(broken(&beside), Some(Broken::Member(PlantName::Model)));
+    }
+
+    /// A stage whose second mode passes the first one's place on the loop as the mass grows.
+    fn with_two_modes() -> Task<'static> {
+        let spread = ModeSpread {
+            frequency: 0.02,
+            damping: 0.2,
+        };
+        Task {
+            linear: LinearModel {
+                first_mode: ModeModel {
+                    natural_frequency_rad_s: 4398.0,
+                    damping_ratio: 0.03,
+                },
+                second_mode: Some((
+                    0.0827,
+                    ModeModel {
+                        natural_frequency_rad_s: 11_942.0,
+                        damping_ratio: 0.0217,
+                    },
+                )),
+                amplifier_bandwidth_hz: Some(5719.0),
+                sensor_bandwidth_hz: None,
+                period_s: 5e-5,
+            },
+            first: spread,
+            second: Some(spread),
+            left_out: None,
+            delay_s: 0.0,
+            recording: None,
+            mode_moves: 0.0,
+            mass_to: HELD_MASSES[0],
+            demands: Demands::default(),
+        }
+    }
+
+    /// Stable with 1.4 and with twice the mass of [`with_two_modes`], not between.
+    const UNSTABLE_BETWEEN: PredictorTuning = PredictorTuning {
+        effort_weight: 0.173_205,
+        unknown_change_um: 0.000_156_367,
+        unknown_slope_change_um: 0.0,
+        force_noise_um: 0.000_173_742,
+        sensor_noise_um: 0.003_009_29,
+        fast_noise_um: 0.001_737_42,
+    };
+
+    struct One<'a>(Predictors<'a>);
+
+    impl Family for One<'_> {
+        type Tuning = PredictorTuning;
+
+        fn law(&self, tuning: &PredictorTuning) -> Option<PredictorDesign> {
+            self.0.law(tuning)
+        }
+
+        fn fits(&self, _tuning: &PredictorTuning, _law: &PredictorDesign) -> bool {
+            true
+        }
+
+        fn grid(&self, _demands: &Demands) -> Vec<PredictorTuning> {
+            vec![UNSTABLE_BETWEEN]
+        }
+
+        fn numbers(&self) -> usize {
+            0
+        }
+
+        fn stepped(&self, tuning: &PredictorTuning, _number: usize, _by: f64) -> PredictorTuning {
+            *tuning
+        }
+    }
+
+    #[test]
+    fn a_loop_that_is_unstable_between_two_masses_is_not_taken() {
+        let task = with_two_modes();
+        let law = PredictorDesign::new(&task.linear, &UNSTABLE_BETWEEN);
+        let stable = |mass: f64| {
+            let plant = PlantVariation::with_mass_ratio(mass).sampled(&task.linear);
+            SampledLoop::new(&law, &plant).is_stable()
+        };
+        assert_eq!([1.0, 1.4, 1.7, 2.0].map(stable), [true, true, false, true]);
+        let (found, _) = task.judge_law(&law, 1.0);
+        let Some(Broken::Member(PlantName::Times(mass, MASS))) = found.broken else {
+            panic!("{:?}", found.broken);
+        };
+        assert!(!stable(mass) && (1.4..2.0).contains(&mass), "{mass}");
+    }
+
+    #[test]
+    fn a_scan_that_no_tuning_passes_at_twice_the_mass_promises_less() {
+        let task = with_two_modes();
+        let family = One(Predictors(&task.linear));
+        // A recording that excludes every other mode: the mass alone is in the way.
+        let recording = ServoRecording {
+            frequency_hz: (0..=100).map(|k| 100.0 * f64::from(k)).collect(),
+            level: vec![1e-4; 101],
+            ..ServoRecording::default()
+        };
+        let task = Task {
+            recording: Some(&recording),
+            ..task
+        };
+        let scan = task.scan_of(&family);
+        assert_eq!(scan.mass_to, HELD_MASSES[1]);
+        assert_eq!(scan.candidates[0].broken, None);
     }
 }

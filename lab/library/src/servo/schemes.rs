@@ -118,6 +118,8 @@ pub(super) struct Chosen {
     pub scheme: Scheme,
     /// Why, and what limits it.
     pub said: Vec<String>,
+    /// Mass over the model's up to which it holds.
+    pub mass_to: f64,
 }
 
 /// Scans a scheme other than the predictor; `explain` puts a scan's choice into words, or a refusal.
@@ -131,7 +133,7 @@ pub(super) fn choose(
     let kind = match choice {
         SchemeChoice::Predictor => return Err("the predictor is designed by itself".into()),
         SchemeChoice::Pid => {
-            let (chosen, mut said) = scanned(&Regulators, task, words)?;
+            let (chosen, mut said, mass_to) = scanned(&Regulators, task, words)?;
             let gains = chosen.tuning;
             said.push(format!(
                 "P = {:.3}, I = {:.1} 1/s, D = {:.2e} s, in um of displacement per um of error.",
@@ -154,7 +156,11 @@ pub(super) fn choose(
                     notch: None,
                 }
             };
-            return Ok(Chosen { scheme, said });
+            return Ok(Chosen {
+                scheme,
+                said,
+                mass_to,
+            });
         }
         SchemeChoice::Pidsmoc => SlidingKind::Pidsmoc,
         SchemeChoice::PidsmcAlphaBeta => SlidingKind::PidsmcAlphaBeta,
@@ -166,7 +172,7 @@ pub(super) fn choose(
         nominal,
         unknown_bound_v: unknown_bound_v(model, inverse, &task.demands),
     };
-    let (chosen, mut said) = scanned(&family, task, words)?;
+    let (chosen, mut said, mass_to) = scanned(&family, task, words)?;
     let (estimator, controller, reaching) = family.gains(&chosen.tuning);
     said.extend(thesis_conditions::gains_in_words(
         &nominal,
@@ -187,17 +193,21 @@ pub(super) fn choose(
             form,
         },
         said,
+        mass_to,
     })
 }
+
+/// A candidate, why it is taken, and the mass over the model's up to which it holds.
+type Scanned<T> = (Candidate<T>, Vec<String>, f64);
 
 fn scanned<F: Family>(
     family: &F,
     task: &Task<'_>,
     words: &ScanWords<'_>,
-) -> Result<(Candidate<F::Tuning>, Vec<String>), String> {
+) -> Result<Scanned<F::Tuning>, String> {
     let scan = task.scan_of(family);
     let (best, said) = words.explain(&scan)?;
-    Ok((best.clone(), said))
+    Ok((best.clone(), said, scan.mass_to))
 }
 
 /// Amplitude of the sines on which schemes are compared, over the travel.

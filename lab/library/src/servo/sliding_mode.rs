@@ -562,9 +562,11 @@ mod tests {
             linear: *linear,
             first: spread,
             second: None,
+            left_out: None,
             delay_s: 0.0,
             recording: None,
             mode_moves: 0.0,
+            mass_to: 2.0,
             demands,
         };
         task.scan_of(&family(kind, linear))

@@ -96,6 +96,18 @@ impl Structure {
     }
 }
 
+/// Logarithms of two limits, so that the value of either is within them whatever the rounding.
+fn logarithms_within([least, most]: [f64; 2]) -> [f64; 2] {
+    let (mut low, mut high) = (least.ln(), most.ln());
+    while low.exp() < least {
+        low = low.next_up();
+    }
+    while high.exp() > most {
+        high = high.next_down();
+    }
+    [low, high]
+}
+
 /// A contact by its coordinates: logarithms of its values, for the ratio a logit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Contact {
@@ -306,7 +318,7 @@ impl Problem for Recording<'_> {
                 RATIO => Some(LOGITS),
                 nth => nth
                     .checked_sub(STRIBECK)
-                    .map(|nth| LIMITS[nth].map(f64::ln)),
+                    .map(|nth| logarithms_within(LIMITS[nth])),
             };
             if let Some([least, most]) = limits {
                 moved.at[nth] = moved.at[nth].clamp(least, most);
@@ -538,6 +550,15 @@ mod tests {
         });
         let pulls = pulls.collect();
         (found, pulls)
+    }
+
+    #[test]
+    fn a_value_at_a_limit_of_its_fit_is_within_it() {
+        for limits in LIMITS {
+            let [least, most] = logarithms_within(limits).map(f64::exp);
+            assert!(limits[0] <= least && most <= limits[1], "{least} {most}");
+            assert!(least < 1.000_001 * limits[0] && most > 0.999_999 * limits[1]);
+        }
     }
 
     #[test]

@@ -175,6 +175,9 @@ pub struct TrackResult {
     pub truth: TrackingFigures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
+    /// Mean error of the true displacement, um: the sensor is zeroed on one reading, and what noise a plant of
+    /// one's own adds to it stays in every error.
+    pub true_mean_um: f64,
     /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was
     /// asked for by so much of the motion.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -230,7 +233,9 @@ impl TrackResult {
     /// size of the reference.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
-        if self.saturated_ticks > 0 {
+        // A step that stays settled shows that the drive came away from its limit.
+        let is_settled = self.step.is_some_and(|step| step.settling_s.is_some());
+        if self.saturated_ticks > 0 && !is_settled {
             let ticks = if self.saturated_ticks == 1 {
                 "tick"
             } else {
@@ -473,6 +478,11 @@ pub fn track_plant(
                 .map(|k| trace.sensor_um[k] - trace.reference_um[k])
                 .collect(),
         ),
+        true_mean_um: mean(
+            (from..samples)
+                .map(|k| trace.displacement_um[k] - trace.reference_um[k])
+                .collect(),
+        ),
         saturated_ticks: trace
             .limited_after(from)
             .saturating_add(trace.counters.saturated_values),
@@ -525,5 +535,54 @@ mod tests {
             late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9,
             "{late:?}"
         );
+    }
+
+    fn run(step: Option<StepFigures>) -> TrackResult {
+        let figures = TrackingFigures {
+            rms_um: 0.01,
+            max_um: 0.1,
+        };
+        TrackResult {
+            schema: String::new(),
+            scheme: String::new(),
+            reference: String::new(),
+            plant: String::new(),
+            beside: None,
+            sensor: figures,
+            as_read: figures,
+            truth: figures,
+            steady_state_um: 0.0,
+            true_mean_um: 0.0,
+            sensor_lag_s: None,
+            model_sensor_lag_s: None,
+            step,
+            drive: DriveFigures::default(),
+            noise_um: 0.0,
+            disturbance: None,
+            adapted_gain: None,
+            saturated_ticks: 2,
+            overruns: 0,
+            period_s: SAMPLING_PERIOD_S,
+            time_s: Vec::new(),
+            reference_um: vec![0.0, 2.0],
+            sensor_um: Vec::new(),
+            displacement_um: Vec::new(),
+            reading_um: Vec::new(),
+            drive_v: Vec::new(),
+            counts_from: 0,
+        }
+    }
+
+    #[test]
+    fn a_limit_is_no_trouble_of_a_step_that_settles() {
+        let step = |settling_s| StepFigures {
+            by_um: 2.0,
+            settling_s,
+            rise_s: None,
+            overshoot: 0.0,
+        };
+        assert_eq!(run(Some(step(Some(0.01)))).trouble(), None);
+        assert!(run(Some(step(None))).trouble().is_some());
+        assert!(run(None).trouble().is_some());
     }
 }
