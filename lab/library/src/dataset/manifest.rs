@@ -178,7 +178,7 @@ const KEYS: [&str; 28] = [
     "force",
 ];
 
-/// How the message of a key that is none of them begins.
+/// How the message about a key that nobody knows begins.
 const UNKNOWN: &str = "unknown field `";
 
 /// Keys that a data set needs, and each of its records.

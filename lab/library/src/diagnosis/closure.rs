@@ -151,7 +151,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
         let others = doing_as
             .into_iter()
             .filter(|s| entry.judged.model.effect(&s.id).is_none());
-        // One law at another place of the chain is a rival, however many others come before it.
+        // One law at another place of the chain is tried, however many others come before it.
         let is_tried = |(place, s): &(usize, &CandidateScore)| {
             *place < study.policy.rivals || same_law(study, entry, &d.id, s).is_some()
         };

@@ -25,7 +25,7 @@
 //! lets the first mode move: [`MovingMode`]). From there the tuning is refined between the points of the
 //! scan, with the fast noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth
 //! condition costs is found by leaving it out, and told. Where the mass alone keeps every candidate from
-//! being taken the range of the mass becomes smaller ([`HELD_MASSES`]), and the design says so.
+//! being taken the range of the mass becomes smaller ([`HELD_MASSES`]), and the design reports it.
 use super::assessment::{Assessment, assess};
 use super::candidate::{
     Broken, Candidate, Family, Scan, holds, holds_if_recorded, holds_with_usual_margins,
