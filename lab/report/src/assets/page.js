@@ -142,9 +142,10 @@ function ticks(map, wanted) {
   const raw = (high - low) / wanted, power = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find(m => m * power >= raw * 0.999) * power;
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), found = [];
   const small = step < 1e-5, large = Math.max(Math.abs(low), Math.abs(high)) >= 1e6;
+  const power_of = value => Math.floor(Math.log10(Math.abs(value)) + 1e-9), digits = at => Math.max(1, power_of(at) - power_of(step));
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) {
     const at = k * step;
-    found.push({ at, text: at === 0 ? "0" : small || large ? minus(at.toExponential(1)) : minus(at.toFixed(decimals)) });
+    found.push({ at, text: at === 0 ? "0" : small || large ? minus(at.toExponential(digits(at))) : minus(at.toFixed(decimals)) });
   }
   return found;
 }
