@@ -149,14 +149,7 @@ pub fn add(
     let floor = noise_floor(dataset);
     let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
     let before = study.judged(model);
-    // First alone, all else held: where the values of the model are knowledge, only the effect has to be
-    // found.
-    let held = holding(&before.model, |_, _| true);
-    let alone = study.seated(&held, effect, 3, f64::INFINITY)?;
-    let mut begun = before.model.clone();
-    if let Some(found) = alone.model.effect(&id) {
-        begun.add(found.clone());
-    }
+    let (begun, _) = study.found_alone(&before.model, effect, 3, f64::INFINITY)?;
     require_place(&begun, std::slice::from_ref(effect))?;
     let judged = fitted_around(&id, &begun, &study);
     let steps = vec![

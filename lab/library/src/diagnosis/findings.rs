@@ -349,7 +349,7 @@ fn rejected_by(pool: &mut Pool, without: &str, with: &str) -> Option<f64> {
         return None;
     }
     if study.leaves_values_open(&pool.entries[with].judged) {
-        pool.weigh_fitted_to_all(&pair);
+        pool.weigh_fitted_to_all(&pair.map(str::to_owned));
         let losses = pair.map(|key| pool.entries[key].losses_fitted_to_all.as_ref());
         fate(losses).filter(|fate| *fate != Fate::Kept)?;
     }

@@ -261,34 +261,44 @@ impl<'s, 'a> Pool<'s, 'a> {
     }
 
     /// Makes the losses known that entries have once they are fitted to all records.
-    pub(crate) fn weigh_fitted_to_all(&mut self, keys: &[&str]) {
-        let is_pending = |e: &Entry| e.losses_fitted_to_all.is_none();
-        let pending: Vec<&&str> = (keys.iter())
-            .filter(|k| self.entries.get(**k).is_some_and(is_pending))
-            .collect();
-        let losses = parallel::map(&pending, |k| {
-            let judged = self.study.fitted_to_all(&self.entries[**k].judged.model);
-            Losses::of_judged(self.study, &judged)
-        });
-        for (key, losses) in pending.into_iter().zip(losses) {
-            if let Some(entry) = self.entries.get_mut(*key) {
-                entry.losses_fitted_to_all = Some(losses);
-            }
-        }
+    pub(crate) fn weigh_fitted_to_all(&mut self, keys: &[String]) {
+        let study = self.study;
+        self.make_losses(
+            keys,
+            |entry| &mut entry.losses_fitted_to_all,
+            |model| Losses::of_judged(study, &study.fitted_to_all(&model)),
+        );
     }
 
     /// Makes the losses of entries on all judged samples known.
     pub(crate) fn weigh(&mut self, keys: &[String]) {
-        let pending: Vec<&String> = keys
-            .iter()
-            .filter(|k| self.entries.get(*k).is_some_and(|e| e.losses.is_none()))
-            .collect();
-        let losses = parallel::map(&pending, |k| {
-            Losses::of(self.study, self.entries[*k].judged.model.clone())
-        });
-        for (key, losses) in pending.into_iter().zip(losses) {
+        let study = self.study;
+        self.make_losses(
+            keys,
+            |entry| &mut entry.losses,
+            |model| Losses::of(study, model),
+        );
+    }
+
+    /// Makes losses of entries where they are not known.
+    fn make_losses(
+        &mut self,
+        keys: &[String],
+        place: fn(&mut Entry) -> &mut Option<Losses>,
+        of: impl Fn(Model) -> Losses + Sync + Send,
+    ) {
+        let mut pending: Vec<(&String, Model)> = Vec::new();
+        for key in keys {
+            if let Some(entry) = self.entries.get_mut(key)
+                && place(entry).is_none()
+            {
+                pending.push((key, entry.judged.model.clone()));
+            }
+        }
+        let losses = parallel::map(&pending, |(_, model)| of(model.clone()));
+        for ((key, _), losses) in pending.into_iter().zip(losses) {
             if let Some(entry) = self.entries.get_mut(key) {
-                entry.losses = Some(losses);
+                *place(entry) = Some(losses);
             }
         }
     }

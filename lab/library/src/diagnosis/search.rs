@@ -203,14 +203,11 @@ impl<'s, 'a> Search<'s, 'a> {
         });
         let fitted = study.while_it_lasts(&untried, |effect| {
             let id = effect.declaration().id;
-            let held = holding(model, |_, _| true);
-            let alone = study.seated(&held, effect, study.policy.guesses, start.merit)?;
-            let gains = study.merit(&alone) < start.merit - study.policy.least_gain;
-            let Some(found) = alone.model.effect(&id).filter(|_| gains) else {
+            let (begin, alone) =
+                study.found_alone(model, effect, study.policy.guesses, start.merit)?;
+            if study.merit(&alone) >= start.merit - study.policy.least_gain {
                 return Ok(None);
-            };
-            let mut begin = model.clone();
-            begin.add(found.clone());
+            }
             let around = study.quickly(&holding(&begin, |effect, _| effect == id));
             let judged = study.for_comparison(&as_free_as(around.model, &begin));
             Ok(Some(Entry::new(study, with(effect), judged, true)))

@@ -703,6 +703,26 @@ impl<'a> Study<'a> {
         Ok(best.unwrap_or_else(|| self.quickly(&begun(&[]))))
     }
 
+    /// A model with an effect that was found beside it with all else held, and what that alone leaves: where the
+    /// values of the model are knowledge, only the effect has to be found.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn found_alone(
+        &self,
+        model: &Model,
+        effect: &Arc<dyn Effect>,
+        starts: usize,
+        of: f64,
+    ) -> Result<(Model, Judged)> {
+        let alone = self.seated(&holding(model, |_, _| true), effect, starts, of)?;
+        let mut begun = model.clone();
+        if let Some(found) = alone.model.effect(&effect.declaration().id) {
+            begun.add(found.clone());
+        }
+        Ok((begun, alone))
+    }
+
     /// The model with each effect that has several beginnings begun again beside the others: while something
     /// was missing, it may have settled far from where it belongs.
     ///

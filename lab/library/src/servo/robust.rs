@@ -568,20 +568,9 @@ mod tests {
     #[test]
     #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
     fn a_refined_tuning_is_better_than_every_point_of_the_scan_and_as_stable() {
-        let spread = ModeSpread {
-            frequency: 0.02,
-            damping: 0.2,
-        };
         let task = Task {
             linear: linear(false),
-            first: spread,
-            second: Some(spread),
-            left_out: None,
-            delay_s: 0.0,
-            recording: None,
-            mode_moves: 0.0,
-            mass_to: HELD_MASSES[0],
-            demands: Demands::default(),
+            ..with_two_modes()
         };
         let scan = task.scan();
         let best = scan.best().expect("some hold");
