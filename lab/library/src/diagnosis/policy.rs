@@ -184,7 +184,7 @@ impl Default for Policy {
             alternatives_max: 5,
             compared_of_a_level: 4,
             closed_around: 1,
-            closures_max: 8,
+            closures_max: 4,
             rivals: 3,
             rival_similarity: 0.6,
             guesses: 2,
