@@ -51,15 +51,15 @@ impl Effect for SensorNonlinearity {
             Parameter::linear(
                 "quadratic_per_um",
                 "1/um",
-                -0.3 / range,
-                0.3 / range,
+                -1.0 / range,
+                1.0 / range,
                 1e-3 / range,
             ),
             Parameter::linear(
                 "cubic_per_um2",
                 "1/um^2",
-                -0.3 / (range * range),
-                0.3 / (range * range),
+                -1.0 / (range * range),
+                1.0 / (range * range),
                 1e-3 / (range * range),
             ),
         ]

@@ -172,8 +172,9 @@ fn searched(search: &mut Search) -> Result<Ended> {
         }
         !issues.is_empty()
     };
+    let [mut searches, mut begins_again] = [Stage::Search, Stage::BeginningAgain];
     loop {
-        study.budget.work.enter(Stage::Search);
+        study.budget.work.enter(searches);
         search.run(&mut is_in_doubt)?;
         if is_in_doubt(&search.pool.best().judged) {
             return Ok(Ended::Doubted(issues));
@@ -181,15 +182,17 @@ fn searched(search: &mut Search) -> Result<Ended> {
         if search.stopped {
             return Ok(Ended::Stopped);
         }
-        study.budget.work.enter(Stage::BeginningAgain);
+        study.budget.work.enter(begins_again);
         begin_again(&mut search.pool)?;
         let before = search.pool.rank(search.pool.best());
         let keys = ablate(search, &mut ablated)?;
         // What came out of single moves around the simplest models, or of a search without one of their
-        // effects, may lead further.
+        // effects, may lead further, in what is left of their share.
+        [searches, begins_again] = [Stage::Closure; 2];
+        study.budget.work.enter(searches);
         let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
         let ends = !gained
-            || search.out_of_time
+            || study.budget.is_over()
             || study.met(&search.pool.best().judged)
             || search.closed.len() >= study.policy.closures_max;
         if ends {

@@ -3,13 +3,16 @@
 //! the place of an effect is in the pool before anything is named.
 
 use super::judgement::Judged;
-use super::pool::{Entry, Move, Pool};
+use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
+use super::search::structure_beside_a_gain;
 use super::selection::select;
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
+use crate::identification::finer_hysteresis::of_other_structures;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::LoopsTried;
 use std::collections::BTreeSet;
 
 /// The model without an effect, fitted again.
@@ -58,7 +61,7 @@ pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     study
         .watch
         .event(&WatchEvent::Doing("trying what else could do"));
-    let dropped = drop_each(study, &entry);
+    let dropped = drop_each(study, &entry, &entry.added());
     let tried = exchange_each(study, &entry, &dropped)?;
     let instead_of_two = exchange_pairs(study, &entry)?;
     let finer: Vec<Entry> = dropped
@@ -66,12 +69,25 @@ pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
         .filter(|d| d.near)
         .flat_map(|d| finer_than(study, &d.entry))
         .collect();
+    let other_loops = with_other_loops(pool, &entry, &tried);
     let dropped = dropped.into_iter().map(|d| d.entry);
     dropped
         .chain(finer)
         .chain(tried)
+        .chain(other_loops)
         .chain(instead_of_two)
         .for_each(|entry| pool.keep(entry));
+    Ok(())
+}
+
+/// Tries others in the place of these effects of a model, as around a model that is closed.
+///
+/// # Errors
+/// A candidate that gives something that is no number.
+pub(super) fn exchange(pool: &mut Pool, entry: &Entry, ids: &[String]) -> Result<()> {
+    let dropped = drop_each(pool.study, entry, ids);
+    let tried = exchange_each(pool.study, entry, &dropped)?;
+    tried.into_iter().for_each(|entry| pool.keep(entry));
     Ok(())
 }
 
@@ -87,10 +103,9 @@ fn moves_in(entry: &Entry, model: &Model, by: Option<&str>) -> Vec<Move> {
         .collect()
 }
 
-/// The model without each of the added effects.
-fn drop_each(study: &Study, entry: &Entry) -> Vec<Dropped> {
-    let leaving = entry.added();
-    study.while_it_lasts(&leaving, |id| {
+/// The model without each of these effects.
+fn drop_each(study: &Study, entry: &Entry, leaving: &[String]) -> Vec<Dropped> {
+    study.while_it_lasts(leaving, |id| {
         let quick = study.quickly_within(
             &study.without(&entry.judged.model, id),
             entry.merit,
@@ -168,6 +183,35 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
         )
     });
     Ok(fitted)
+}
+
+/// Loops of the other structures, in the place of those of a model or of those that took an effect's place:
+/// surfaces are scored for all of them.
+fn with_other_loops(pool: &Pool, entry: &Entry, tried: &[Entry]) -> Vec<Entry> {
+    let study = pool.study;
+    let has_added_loops = |e: &&Entry| {
+        let loops = structure_beside_a_gain(&e.judged.model);
+        loops.is_some_and(|id| e.moves.contains(&Move::Added(id)))
+    };
+    let mut bases: Vec<&Entry> = std::iter::once(entry).filter(has_added_loops).collect();
+    if bases.is_empty() {
+        bases = tried.iter().filter(has_added_loops).collect();
+    }
+    let mut begun: Vec<(Vec<Move>, Model)> = Vec::new();
+    for base in bases {
+        let model = &base.judged.model;
+        for begin in of_other_structures(model, &study.overview, LoopsTried::AtFirst) {
+            let mut moves = moves_in(base, &begin, structure_beside_a_gain(&begin).as_deref());
+            moves.sort();
+            if !pool.entries.contains_key(&key(&moves, &begin)) {
+                begun.push((moves, begin));
+            }
+        }
+    }
+    study.while_it_lasts(&begun, |(moves, begin)| {
+        let judged = study.quickly_within(begin, entry.merit, FAR_BEHIND);
+        Entry::new(study, moves.clone(), judged, false)
+    })
 }
 
 /// One effect in the place of another, from its best two initial guesses, and from the values of the other

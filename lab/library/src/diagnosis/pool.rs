@@ -105,9 +105,12 @@ impl Entry {
 }
 
 fn excludes_one(moves: &[Move], model: &Model) -> bool {
-    moves
-        .iter()
-        .any(|m| matches!(m, Move::Added(id) if model.ruled_out_because(id).is_some()))
+    moves.iter().any(|m| is_excluded(m, model))
+}
+
+/// A move adds an effect that its own physics excludes at its values.
+fn is_excluded(of: &Move, model: &Model) -> bool {
+    matches!(of, Move::Added(id) if model.ruled_out_because(id).is_some())
 }
 
 /// The moves by which effects are added.
@@ -231,7 +234,8 @@ impl<'s, 'a> Pool<'s, 'a> {
         }
     }
 
-    /// Brings the best few as far as they can be compared, until those that are best have been.
+    /// Brings the best few as far as they can be compared, until those that are best have been. Where the
+    /// best has an effect that its own physics excludes, the same without it joins.
     pub(crate) fn compare_best(&mut self) {
         loop {
             let best = self.ranked().into_iter().take(self.study.policy.width);
@@ -239,11 +243,30 @@ impl<'s, 'a> Pool<'s, 'a> {
                 .filter(|(_, e)| !e.compared)
                 .map(|(k, _)| k.clone())
                 .collect();
-            if pending.is_empty() {
+            self.compare(&pending);
+            if pending.is_empty() && !self.clear_the_best_of_excluded() {
                 return;
             }
-            self.compare(&pending);
         }
+    }
+
+    /// Whether the best had excluded effects, and the same without these was not known.
+    fn clear_the_best_of_excluded(&mut self) -> bool {
+        let (study, best) = (self.study, self.ranked()[0].1);
+        if !best.excluded || best.held {
+            return false;
+        }
+        let (mut moves, mut model) = (best.moves.clone(), best.judged.model.clone());
+        moves.retain(|m| !is_excluded(m, &best.judged.model));
+        for m in best.moves.iter().filter(|m| !moves.contains(m)) {
+            model = study.without(&model, m.effect());
+        }
+        moves.retain(|m| model.effect(m.effect()).is_some());
+        let is_new = !self.entries.contains_key(&key(&moves, &model));
+        if is_new {
+            self.keep(Entry::new(study, moves, study.quickly(&model), false));
+        }
+        is_new
     }
 
     /// Fits an entry to its end, on all samples.

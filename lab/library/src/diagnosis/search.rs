@@ -13,7 +13,7 @@
 //! kind that comes near the best has a beam of its own. A structure that takes long comes far above the noise
 //! only, once there are loops or nothing else helps.
 
-use super::closure::close_around;
+use super::closure::{close_around, exchange};
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -218,8 +218,8 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// A search of its own for the best model without some effects and with no more moves than a model has: from
-    /// this model less the effects, every other move open, until nothing better comes or one does as well as the
-    /// best of all. Whether it came to its end.
+    /// this model less the effects, what does much the same in the place of each, then every other move open,
+    /// until nothing better comes or one does as well as the best of all. Whether it came to its end.
     ///
     /// # Errors
     /// A candidate that gives something that is no number.
@@ -233,6 +233,11 @@ impl<'s, 'a> Search<'s, 'a> {
         let of = self.pool.best().merit;
         let less = |model: Model, id: &String| study.without(&model, id);
         let begin = ids.iter().fold(from.judged.model.clone(), less);
+        if !from.held && !self.closed.contains(&key(&from.moves, &from.judged.model)) {
+            let added = |id: &&String| from.moves.contains(&Move::Added((*id).clone()));
+            let its: Vec<String> = ids.iter().filter(added).cloned().collect();
+            exchange(&mut self.pool, from, &its)?;
+        }
         let judged = study.quickly_within(&begin, of, FAR_BEHIND);
         let has = |m: &&Move| judged.model.effect(m.effect()).is_some();
         let moves = from.moves.iter().filter(has).cloned().collect();
@@ -255,12 +260,9 @@ impl<'s, 'a> Search<'s, 'a> {
             }
             // What is further behind, and promises no more than to stay so, is rejected whatever comes of it.
             let (before, reach) = (self.pool.rank(best), of_all.merit + FAR_BEHIND);
-            let is_near = best.merit <= reach;
             let mut proposals = self.propose()?;
             proposals.retain(|p| p.promise.ln() <= reach);
-            if is_near {
-                proposals.extend(self.propose_structures(LoopsTried::AtFirst));
-            }
+            proposals.extend(self.propose_structures(LoopsTried::AtFirst));
             if proposals.is_empty() {
                 return Ok(true);
             }
