@@ -2,6 +2,7 @@
 //! bare gain.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
+use hysteron::dataset::reading::from_file;
 use hysteron::dataset::{Dataset, Record, Role, folder};
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Evidence, Finding, Standing, Verdict};
@@ -281,6 +282,73 @@ fn a_lag_and_a_slew_limit_of_one_amplifier_are_named() {
         "{}",
         d.sentence
     );
+}
+
+/// A sweep around 40 V between two logarithmic frequencies, with the ways there and back.
+fn sweep(rate_hz: f64, [from_hz, to_hz]: [f64; 2], seconds: f64, half_v: f64) -> Vec<f64> {
+    let ramp = |share: f64| 20.0 - 20.0 * (std::f64::consts::PI * share).cos();
+    let samples = (seconds * rate_hz) as usize;
+    let there = (0..1000).map(|k| ramp(f64::from(k) / 1000.0));
+    let swept = (0..samples).map(|k| {
+        let (share, octaves) = (k as f64 / samples as f64, (to_hz / from_hz).ln());
+        let cycles = from_hz * seconds / octaves * ((share * octaves).exp() - 1.0);
+        40.0 + half_v * (std::f64::consts::TAU * cycles).sin()
+    });
+    let back = (0..1000).rev().map(|k| ramp(f64::from(k) / 1000.0));
+    let rest = || vec![0.0; 2000];
+    let moved = there.chain(swept).chain(back);
+    rest().into_iter().chain(moved).chain(rest()).collect()
+}
+
+/// Coleman and Hodgdon's loops, read by a sensor of 400 Hz, in one file. Friction beside the lag comes to
+/// 13 nm and hides the loops.
+#[test]
+fn loops_that_friction_stands_in_for_are_named_in_one_file() {
+    const ONE_RATE_HZ: f64 = 10_000.0;
+    const PARTS: usize = 16;
+    let triangles = triangles(
+        &[0.0, 90.0, 20.0, 60.0, 0.0, 40.0, 0.0],
+        200.0 / ONE_RATE_HZ * RATE_HZ,
+    );
+    let drive_v = [
+        sweep(ONE_RATE_HZ, [1.0, 800.0], 2.0, 20.0),
+        triangles,
+        sweep(ONE_RATE_HZ, [2.0, 500.0], 1.5, 10.0),
+    ]
+    .concat();
+    let (approach, slope_um_v, elastic_um_v) = (0.02, 0.11, 0.07);
+    let follows = 1.0 - (-std::f64::consts::TAU * 400.0 / ONE_RATE_HZ / PARTS as f64).exp();
+    let (mut stage_um, mut at_v, mut read_um) = (0.0, 0.0, 0.0);
+    let mut noise = WhiteNoise::new(0.004, 17);
+    let mut text = "t [s],u [V],y [um]\n".to_owned();
+    for (k, v) in drive_v.iter().enumerate() {
+        let reading_um = read_um + noise.next_um();
+        text += &format!("{:.7},{v:.7},{reading_um:.7}\n", k as f64 / ONE_RATE_HZ);
+        // y' = approach |u'| (slope u - y) + elastic u', solved along a straight u.
+        let by_v: f64 = v - at_v;
+        let off_um = (elastic_um_v - slope_um_v) * by_v.signum() / approach;
+        let line_um = |v: f64| slope_um_v * v + off_um;
+        stage_um = line_um(*v) + (stage_um - line_um(at_v)) * (-approach * by_v.abs()).exp();
+        at_v = *v;
+        (0..PARTS).for_each(|_| read_um += follows * (stage_um - read_um));
+    }
+    let dataset = from_file("tape.csv", text.as_bytes()).unwrap();
+    let from = effects_named("gain").unwrap();
+    let options = Options::default();
+    let found = analyse(&dataset, Start::Effects(&from), &options, &Unwatched).unwrap();
+    let d = &found.diagnosis;
+    let [loops, lag] = d.findings.as_slice() else {
+        panic!("{}", d.sentence);
+    };
+    let either = ["bouc_wen", "duhem"];
+    assert!(
+        loops.effects.iter().any(|id| id == "duhem")
+            && loops.effects.iter().all(|id| either.contains(&id.as_str()))
+            && lag.effects.iter().any(|id| id == "sensor_bandwidth"),
+        "{}",
+        d.sentence
+    );
+    assert!(d.remainder.rms_um < 1.05 * 0.004, "{}", d.sentence);
 }
 
 /// Twenty plays and a mode, read in the row of their own drive: a second mode would make up for the period
@@ -865,7 +933,8 @@ fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
 }
 
 /// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it is
-/// easily taken for friction, or left at four times the noise.
+/// easily taken for friction, or left at four times the noise. Plays of the drive at thresholds that are free
+/// make the same of it, and may be named beside it.
 #[test]
 fn a_gap_is_backlash_with_a_mode_behind_it_and_without() {
     let behind_a_gap = |drive_v: &[f64]| -> Vec<f64> {
@@ -887,14 +956,12 @@ fn a_gap_is_backlash_with_a_mode_behind_it_and_without() {
     };
     let mut with_a_mode = |drive_v: &[f64]| mode_read_by(&behind_a_gap(drive_v), Behind::Nothing);
     let d = explained(&mut with_a_mode, drives()).diagnosis;
-    let mut named = d.named.clone();
-    named.sort();
-    assert_eq!(
-        (d.verdict, named),
-        (
-            Verdict::Named,
-            ["backlash", "vibration"].map(str::to_owned).to_vec()
-        ),
+    let mut first: Vec<&str> = d.findings.iter().map(|f| f.effects[0].as_str()).collect();
+    first.sort();
+    assert_eq!(first, ["backlash", "vibration"], "{}", d.sentence);
+    let may_be = ["backlash", "hysteresis", "vibration"];
+    assert!(
+        d.named.iter().all(|id| may_be.contains(&id.as_str())),
         "{}",
         d.sentence
     );
