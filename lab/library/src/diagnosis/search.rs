@@ -40,8 +40,8 @@ pub struct Search<'s, 'a> {
     start: Vec<String>,
     /// Additions that did much worse than what they extend, by name.
     hopeless: BTreeSet<String>,
-    /// Loops of other structures that were tried, by when they are.
-    structures_tried: Vec<LoopsTried>,
+    /// Loops of structures that take long were tried.
+    slow_loops_tried: bool,
     /// Each effect was fitted beside the start.
     fitted_each: bool,
     /// Effects that no model of this search may have.
@@ -97,7 +97,7 @@ impl<'s, 'a> Search<'s, 'a> {
             closed: BTreeSet::new(),
             start,
             hopeless,
-            structures_tried: Vec::new(),
+            slow_loops_tried: false,
             fitted_each: false,
             without: Vec::new(),
             most_moves,
@@ -227,9 +227,6 @@ impl<'s, 'a> Search<'s, 'a> {
         let (study, most_moves) = (self.study, self.most_moves);
         self.without = ids.to_vec();
         self.most_moves = from.moves.len();
-        // Slow ones were tried with everything open, or are what the search is without.
-        self.structures_tried
-            .retain(|at| *at != LoopsTried::AtFirst);
         let of = self.pool.best().merit;
         let less = |model: Model, id: &String| study.without(&model, id);
         let begin = ids.iter().fold(from.judged.model.clone(), less);
@@ -322,12 +319,11 @@ impl<'s, 'a> Search<'s, 'a> {
         }
     }
 
-    /// The best model, and the start, with loops of the other structures that are tried at this time, once.
+    /// The best model, and the start, with loops of the other structures that are tried at this time.
     fn propose_structures(&mut self, at: LoopsTried) -> Vec<Proposal> {
-        if self.structures_tried.contains(&at) {
+        if at == LoopsTried::FarAbove && std::mem::replace(&mut self.slow_loops_tried, true) {
             return Vec::new();
         }
-        self.structures_tried.push(at);
         let mut out: Vec<Proposal> = Vec::new();
         // Beside loops that were there from the beginning another structure is no effect more.
         let loops_added = self.start.iter().any(|id| id == gain::ID);
