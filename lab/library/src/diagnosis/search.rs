@@ -9,9 +9,9 @@
 //! models that have not been extended are extended next.
 //!
 //! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
-//! looks like a better description of them, so the other structures of the library are tried once, and each
-//! kind that comes near the best has a beam of its own. A structure that takes long comes far above the noise
-//! only, once there are loops or nothing else helps.
+//! looks like a better description of them, so the other structures of the library are tried beside each new
+//! best model, and each kind that comes near the best has a beam of its own. A structure that takes long comes
+//! once and far above the noise only, when there are loops or nothing else helps.
 
 use super::closure::{close_around, exchange};
 use super::judgement::Judged;
