@@ -257,9 +257,12 @@ impl<'s, 'a> Search<'s, 'a> {
             }
             // What is further behind, and promises no more than to stay so, is rejected whatever comes of it.
             let (before, reach) = (self.pool.rank(best), of_all.merit + FAR_BEHIND);
+            let is_near = best.merit <= reach;
             let mut proposals = self.propose()?;
             proposals.retain(|p| p.promise.ln() <= reach);
-            proposals.extend(self.propose_structures(LoopsTried::AtFirst));
+            if is_near {
+                proposals.extend(self.propose_structures(LoopsTried::AtFirst));
+            }
             if proposals.is_empty() {
                 return Ok(true);
             }
