@@ -47,6 +47,7 @@ impl Effect for SensorNonlinearity {
 
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
+        // At the end of the range each term is as large as the reading, at most.
         vec![
             Parameter::linear(
                 "quadratic_per_um",

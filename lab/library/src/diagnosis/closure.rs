@@ -3,13 +3,12 @@
 //! the place of an effect is in the pool before anything is named.
 
 use super::judgement::Judged;
-use super::pool::{Entry, Move, Pool, key};
+use super::pool::{Entry, Move, Pool};
 use super::screening::{CandidateScore, Screening};
-use super::search::structure_beside_a_gain;
 use super::selection::select;
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
-use crate::identification::finer_hysteresis::of_other_structures;
+use crate::identification::finer_hysteresis::structure_beside_a_gain;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::LoopsTried;
@@ -197,18 +196,11 @@ fn with_other_loops(pool: &Pool, entry: &Entry, tried: &[Entry]) -> Vec<Entry> {
     if bases.is_empty() {
         bases = tried.iter().filter(has_added_loops).collect();
     }
-    let mut begun: Vec<(Vec<Move>, Model)> = Vec::new();
-    for base in bases {
-        let model = &base.judged.model;
-        for begin in of_other_structures(model, &study.overview, LoopsTried::AtFirst) {
-            let mut moves = moves_in(base, &begin, structure_beside_a_gain(&begin).as_deref());
-            moves.sort();
-            if !pool.entries.contains_key(&key(&moves, &begin)) {
-                begun.push((moves, begin));
-            }
-        }
-    }
-    study.while_it_lasts(&begun, |(moves, begin)| {
+    let begun: Vec<(String, Vec<Move>, Model)> = bases
+        .into_iter()
+        .flat_map(|base| pool.with_other_structures(base, LoopsTried::AtFirst))
+        .collect();
+    study.while_it_lasts(&begun, |(_, moves, begin)| {
         let judged = study.quickly_within(begin, entry.merit, FAR_BEHIND);
         Entry::new(study, moves.clone(), judged, false)
     })

@@ -7,6 +7,7 @@ use crate::identification::{finer_creep, finer_hysteresis};
 use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::{LoopsTried, gain};
 use std::collections::BTreeMap;
 
 /// What distinguishes a model from the start.
@@ -267,6 +268,35 @@ impl<'s, 'a> Pool<'s, 'a> {
             self.keep(Entry::new(study, moves, study.quickly(&model), false));
         }
         is_new
+    }
+
+    /// An entry with loops of the other structures that are tried at this time, as far as the pool lacks them:
+    /// key, moves, and the model at which a fit begins. Beside loops that were there from the beginning another
+    /// structure is no effect more.
+    pub(crate) fn with_other_structures(
+        &self,
+        entry: &Entry,
+        at: LoopsTried,
+    ) -> Vec<(String, Vec<Move>, Model)> {
+        let starts_at_a_gain = self
+            .start()
+            .is_some_and(|start| start.judged.model.effect(gain::ID).is_some());
+        let others =
+            finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview, at);
+        let known_by = |begin: Model| {
+            let kept = entry
+                .moves
+                .iter()
+                .filter(|m| begin.effect(m.effect()).is_some());
+            let loops = finer_hysteresis::structure(&begin).filter(|_| starts_at_a_gain);
+            let mut moves: Vec<Move> = kept.cloned().chain(loops.map(Move::Added)).collect();
+            moves.sort();
+            (key(&moves, &begin), moves, begin)
+        };
+        let known = others.into_iter().map(known_by);
+        known
+            .filter(|(key, ..)| !self.entries.contains_key(key))
+            .collect()
     }
 
     /// Fits an entry to its end, on all samples.

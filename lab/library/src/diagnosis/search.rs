@@ -19,7 +19,7 @@ use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
-use crate::identification::finer_hysteresis;
+use crate::identification::finer_hysteresis::{structure, structure_beside_a_gain};
 use crate::identification::held_values::{as_free_as, holding};
 use crate::parallel;
 use crate::watch::WatchEvent;
@@ -328,25 +328,11 @@ impl<'s, 'a> Search<'s, 'a> {
             return Vec::new();
         }
         let mut out: Vec<Proposal> = Vec::new();
-        // Beside loops that were there from the beginning another structure is no effect more.
-        let loops_added = self.start.iter().any(|id| id == gain::ID);
         for entry in std::iter::once(self.best()).chain(self.pool.start()) {
             let before: Vec<String> = out.iter().map(|p| p.key.clone()).collect();
-            for begin in
-                finer_hysteresis::of_other_structures(&entry.judged.model, &self.study.overview, at)
-            {
-                let kept = entry
-                    .moves
-                    .iter()
-                    .filter(|m| begin.effect(m.effect()).is_some())
-                    .cloned();
-                let mut moves: Vec<Move> = kept
-                    .chain(structure(&begin).filter(|_| loops_added).map(Move::Added))
-                    .collect();
-                moves.sort();
-                let key = key(&moves, &begin);
+            for (key, moves, begin) in self.pool.with_other_structures(entry, at) {
                 let may_have = !self.without.iter().any(|id| begin.effect(id).is_some());
-                if may_have && !self.pool.entries.contains_key(&key) && !before.contains(&key) {
+                if may_have && !before.contains(&key) {
                     let of = entry.merit + self.study.policy.loops_come_near;
                     out.push(Proposal {
                         key,
@@ -601,16 +587,4 @@ fn names(moves: &[Move]) -> String {
 /// Whether a model has the surfaces of the thesis for its loops, or none yet.
 fn has_surfaces(model: &Model) -> bool {
     structure(model).is_none_or(|of| [hysteresis::ID, gain::ID].contains(&of.as_str()))
-}
-
-/// The structure of the loops of a model, where it has any.
-#[must_use]
-pub fn structure_beside_a_gain(model: &Model) -> Option<String> {
-    structure(model).filter(|of| of != gain::ID)
-}
-
-/// The structure of the loops of a model: the effect that stands for its hysteresis.
-#[must_use]
-pub fn structure(model: &Model) -> Option<String> {
-    finer_hysteresis::main_effect(model).map(|e| e.id.clone())
 }

@@ -146,6 +146,18 @@ pub fn degree(model: &Model) -> Option<usize> {
     model.values(hysteresis::ID).map(|v| degree_of(v.len()))
 }
 
+/// The structure of the loops of a model, where it has any.
+#[must_use]
+pub fn structure_beside_a_gain(model: &Model) -> Option<String> {
+    structure(model).filter(|of| of != gain::ID)
+}
+
+/// The structure of the loops of a model: the effect that stands for its hysteresis.
+#[must_use]
+pub fn structure(model: &Model) -> Option<String> {
+    main_effect(model).map(|e| e.id.clone())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
