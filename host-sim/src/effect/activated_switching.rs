@@ -141,25 +141,29 @@ impl Curve {
         }
     }
 
-    /// Where a play of this width, and one over it, goes that stands at `z`.
-    #[inline]
-    fn follow(&self, z: f64, x: f64, [width, per_width]: [f64; 2]) -> f64 {
-        let distance = ((x - z) * per_width).abs();
-        let at = (distance - self.from) * Self::PIECES;
+    /// Lets plays of these widths, with one over each, follow an input.
+    fn follow<const N: usize>(&self, positions: &mut [f64; N], x: f64, widths: &[[f64; N]; 2]) {
+        // One operation for all plays after the other: a processor does two or more at once.
+        let [width, per_width] = widths;
+        let distance: [f64; N] = std::array::from_fn(|j| ((x - positions[j]) * per_width[j]).abs());
+        let at = distance.map(|distance| (distance - self.from) * Self::PIECES);
         // No jump on the way, so that plays are followed side by side.
         let farthest = (self.pieces.len() - 1) as f64;
-        let whole = at.clamp(0.0, farthest) + Self::WHOLE;
-        let [a, b, c, d] = self.pieces[whole.to_bits() as u32 as usize];
-        let nearest = whole - Self::WHOLE;
-        let u = at - nearest;
-        let near = a + u * (b + u * (c + u * d));
-        let gone = if nearest < farthest {
-            near
-        } else {
-            distance - self.left
-        };
-        let gone = if at < 0.0 { 0.0 } else { gone };
-        z + (gone * width).copysign(x - z)
+        let whole = at.map(|at| at.clamp(0.0, farthest) + Self::WHOLE);
+        let pieces = whole.map(|whole| self.pieces[whole.to_bits() as u32 as usize]);
+        for j in 0..N {
+            let [a, b, c, d] = pieces[j];
+            let nearest = whole[j] - Self::WHOLE;
+            let u = at[j] - nearest;
+            let near = a + u * (b + u * (c + u * d));
+            let gone = if nearest < farthest {
+                near
+            } else {
+                distance[j] - self.left
+            };
+            let gone = if at[j] < 0.0 { 0.0 } else { gone };
+            positions[j] += (gone * width[j]).copysign(x - positions[j]);
+        }
     }
 }
 
@@ -170,7 +174,7 @@ type OfPlays = [f64; PLAYS];
 #[derive(Clone)]
 struct Plays {
     /// Widths of the edges, and one over each.
-    widths: [[f64; 2]; PLAYS],
+    widths: [OfPlays; 2],
     positions: OfPlays,
     /// Positions before the rest.
     begins: OfPlays,
@@ -196,14 +200,17 @@ impl Plays {
         let share = |j: usize| root(j as f64 + 1.0) - root(j as f64);
         let by_size =
             thresholds.map(|middle: f64| legendre::<SIZES>(2.0 * (middle / LARGEST).sqrt() - 1.0));
-        let width = |middle: f64| [activation * middle, 1.0 / (activation * middle)];
+        let width = |middle: f64| activation * middle;
         let [interval, rested] =
             [dt_s, RESTED_S].map(|length_s| Interval::new(activation, length_s));
         // Whoever comes from farther away than a rest leaves stands there as well.
         let begins =
-            |threshold: f64| (1.0 - forgotten) * rested.follow(threshold, 0.0, width(threshold)[0]);
+            |threshold: f64| (1.0 - forgotten) * rested.follow(threshold, 0.0, width(threshold));
         let mut out = Self {
-            widths: thresholds.map(width),
+            widths: [
+                thresholds.map(width),
+                thresholds.map(|middle| 1.0 / width(middle)),
+            ],
             positions: [0.0; PLAYS],
             begins: thresholds.map(begins),
             sizes: std::array::from_fn(|size| std::array::from_fn(|j| by_size[j][size] * share(j))),
@@ -221,16 +228,14 @@ impl Plays {
 
     fn step(&mut self, drive_v: f64) {
         let x = self.range.share(drive_v);
-        for (position, width) in self.positions.iter_mut().zip(&self.widths) {
-            *position = self.curve.follow(*position, x, *width);
-        }
+        self.curve.follow(&mut self.positions, x, &self.widths);
     }
 
     /// At rest at a drive that was reached from the lower limit.
     fn settle(&mut self, drive_v: f64) {
         let x = self.range.share(drive_v);
-        let plays = self.positions.iter_mut().zip(&self.widths);
-        for ((position, [width, _]), begins) in plays.zip(&self.begins) {
+        let plays = self.positions.iter_mut().zip(&self.widths[0]);
+        for ((position, width), begins) in plays.zip(&self.begins) {
             *position = self.rested.follow(*begins, x, *width);
         }
     }
@@ -335,10 +340,11 @@ impl SwitchingStage {
     }
 
     fn output(&self, drive_v: f64, positions: &OfPlays) -> f64 {
+        let centred = positions.map(|position| 2.0 * position - 1.0);
         let mut each = self.switching[LEVELS];
         for weights in self.switching[..LEVELS].iter().rev() {
-            for ((out, position), weight) in each.iter_mut().zip(positions).zip(weights) {
-                *out = *out * (2.0 * position - 1.0) + weight;
+            for ((out, position), weight) in each.iter_mut().zip(&centred).zip(weights) {
+                *out = *out * position + weight;
             }
         }
         let of_drive = by_level(self.plays.range.share(drive_v));
@@ -382,7 +388,7 @@ impl Stage for SwitchingStage {
         let plays = &self.plays;
         let play = |j: usize| SwitchingPlay {
             begins: plays.begins[j],
-            width: plays.widths[j][0],
+            width: plays.widths[0][j],
             weights: self.switching.iter().map(|weights| weights[j]).collect(),
         };
         let mut reversible = powers(&self.reversible);
@@ -601,8 +607,9 @@ mod tests {
             let most = curve.from + curve.pieces.len() as f64 / Curve::PIECES;
             for distance in [share * most, most + far.exp() - 1.0] {
                 let exact = interval.follow(0.5, 0.5 - distance * width, width);
-                let read = curve.follow(0.5, 0.5 - distance * width, [width, 1.0 / width]);
-                prop_assert!((read - exact).abs() < 1e-9 * width, "{distance}: {read} {exact}");
+                let mut read = [0.5];
+                curve.follow(&mut read, 0.5 - distance * width, &[[width], [1.0 / width]]);
+                prop_assert!((read[0] - exact).abs() < 1e-9 * width, "{distance}: {read:?} {exact}");
             }
         }
 
