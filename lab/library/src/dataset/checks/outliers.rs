@@ -34,9 +34,6 @@ const AT_AN_END: usize = 4;
 /// A corner of the drive makes a corner of the readings: a reading is no outlier if it stands out by less
 /// than so many times what a straight stage would read there.
 const AS_THE_DRIVE: f64 = 3.0;
-/// Where readings turn, those beside the corner lie below it by so many times the step on the less steep side,
-/// at most: 1.5 where both are as steep, 2 where one is twice as steep.
-const OF_A_CORNER: f64 = 2.0;
 /// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two
 /// others.
 const ROUNDED_BY: f64 = 2.1;
@@ -199,14 +196,12 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         .map(|k| (readings_um[k] - expected(readings_um, k)).abs())
         .collect();
     let usual_everywhere = mean(&apart);
-    let stands_out = |k: usize| {
-        if apart[k] <= STANDS_OUT * usual_everywhere {
-            return false;
-        }
+    let usual = |k: usize| {
         let around = &apart[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
-        let usual = (around.iter().sum::<f64>() - apart[k]) / (around.len() - 1) as f64;
-        apart[k] > STANDS_OUT * usual
+        usual_everywhere.max((around.iter().sum::<f64>() - apart[k]) / (around.len() - 1) as f64)
     };
+    let stands_out =
+        |k: usize| apart[k] > STANDS_OUT * usual_everywhere && apart[k] > STANDS_OUT * usual(k);
     let alone = |k: usize| {
         let beside =
             (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
@@ -218,12 +213,17 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end =
         |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
+    // Where the straight lines before and behind cross, readings turn or a ramp ends.
     let is_corner = |k: usize| {
-        let side_um = |a: usize, b: usize| readings_um[b] - readings_um[a];
-        (2..n - 2).contains(&k) && {
-            let (before_um, behind_um) = (side_um(k - 2, k - 1), side_um(k + 1, k + 2));
-            before_um * behind_um < 0.0
-                && apart[k] <= OF_A_CORNER * before_um.abs().min(behind_um.abs())
+        (3..n - 3).contains(&k) && {
+            let [before, behind] = [[k - 1, k - 2, k - 3], [k + 1, k + 2, k + 3]]
+                .map(|side| side.map(|j| readings_um[j]));
+            let on = |[near, next, _]: [f64; 3], steps: f64| near + steps * (near - next);
+            let bent = |[near, next, far]: [f64; 3]| (near - 2.0 * next + far).abs();
+            let cross = (before[0] - on(behind, 2.0)) * (on(before, 2.0) - behind[0]) <= 0.0;
+            let (a, b) = (on(before, 1.0), on(behind, 1.0));
+            let beyond_um = (a.min(b) - readings_um[k]).max(readings_um[k] - a.max(b));
+            cross && beyond_um.max(bent(before)).max(bent(behind)) <= STANDS_OUT * usual(k)
         }
     };
     // What the drive itself has of it, a straight stage would read: the corner of a triangle.
@@ -405,6 +405,24 @@ mod tests {
         assert_eq!(among(&outliers(&record, &[])), 0);
         record.displacement_um[4100] += 3.0;
         assert!(among(&outliers(&record, &[])) > 0);
+    }
+
+    /// An amplifier of limited slew arrives at a step: the ramp of the readings ends within a sample.
+    #[test]
+    fn the_end_of_a_ramp_is_no_outlier() {
+        let mut noise = WhiteNoise::new(0.001, 5);
+        let wanted_um = |k: u32| if k % 500 < 250 { 0.0 } else { 8.03 };
+        let mut at_um = 0.0_f64;
+        let arriving = (0..8000).map(|k| {
+            at_um += (wanted_um(k) - at_um).clamp(-0.08, 0.08);
+            at_um + noise.next_um()
+        });
+        let displacement_um = arriving.collect();
+        let drive_v = (0..8000).map(|k| 10.0 * wanted_um(k)).collect();
+        let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
+        assert_eq!(outliers(&record, &[]), Outliers::default());
+        record.displacement_um[4200] += 0.3;
+        assert_eq!(outliers(&record, &[]).single, [4200]);
     }
 
     /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the
