@@ -8,7 +8,7 @@
 
 use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, DesignOrder};
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::watch::Unwatched;
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{FREQUENCIES_HZ, StudyRecording, at_work, record};

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::order::{DesignOrder, design};
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::BLOCK_BYTES;
 use hysteron_core::servo_tick::ServoTick;

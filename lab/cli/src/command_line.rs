@@ -25,7 +25,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::servo::named_scheme::SCHEMES;
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

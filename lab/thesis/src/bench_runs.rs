@@ -15,7 +15,7 @@ use hysteron::servo::model::{
 use hysteron::servo::order::scheme_without_recording;
 use hysteron::servo::quantise::QuantisationError;
 use hysteron::servo::reference::{lead_s, period_ticks};
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
 use hysteron::servo::track::repeats_when_grown;

@@ -11,7 +11,7 @@ use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::figures;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::servo::thesis_conditions::alpha_beta_loop_poles;
 use hysteron::servo::thesis_schemes::{AlphaBeta, ControllerGains, PidGains, ReachingGains};
 use hysteron_sim::bench::{Bench, Variant};

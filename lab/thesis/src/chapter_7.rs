@@ -18,7 +18,7 @@ use crate::float_twin::integer_difference_um;
 use crate::robustness;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_conditions::observer_cutoff_hz;
 use hysteron::servo::thesis_conditions::{observer_reachability, sliding_surface_parameter};

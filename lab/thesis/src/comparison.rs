@@ -8,7 +8,7 @@ use crate::chapter::ChapterRow;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::named_scheme::{plain_pi, with_scheme};
 use hysteron::servo::sampled_loop::SampledLoop;
-use hysteron::servo::schemes::SchemeChoice;
+use hysteron::servo::scheme_choice::SchemeChoice;
 use hysteron::servo::tuning::Demands;
 use hysteron_sim::bench::{Bench, Variant};
 use rayon::prelude::*;

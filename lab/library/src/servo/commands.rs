@@ -3,7 +3,8 @@
 use super::design::{Scheme, ServoDesign};
 use super::known::ASSUMED_NOISE_UM;
 use super::order::{self, DesignOrder};
-use super::schemes::{self, AtWork, SchemeChoice};
+use super::scheme_choice::SchemeChoice;
+use super::schemes::{self, AtWork};
 use super::tuning::Demands;
 use hysteron_sim::chain::Model;
 

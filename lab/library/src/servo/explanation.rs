@@ -11,7 +11,7 @@ use super::plant_set::PlantVariation;
 use super::recording::ServoRecording;
 use super::robust::Task;
 use super::sampled_loop::decibels;
-use super::schemes::SchemeChoice;
+use super::scheme_choice::SchemeChoice;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Place;
 

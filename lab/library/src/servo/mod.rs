@@ -88,6 +88,8 @@ pub mod robust;
 #[doc(hidden)]
 pub mod sampled_loop;
 #[doc(hidden)]
+pub mod scheme_choice;
+#[doc(hidden)]
 pub mod schemes;
 #[doc(hidden)]
 pub mod sensor_lag;

@@ -5,7 +5,7 @@ use super::disturbance_observer;
 use super::gain_adaptation::AdaptationDesign;
 use super::order;
 use super::regulator_loop;
-use super::schemes::SchemeChoice;
+use super::scheme_choice::SchemeChoice;
 use super::thesis_schemes::PidGains;
 use super::tuning::{Demands, PredictorTuning};
 
