@@ -145,6 +145,10 @@ const OTHER_TARGETS: &str = "targets";
 /// Where the output of the second line goes.
 const OUTPUT_OF_OTHER_TARGETS: &str = "target/other_targets.log";
 
+/// While this is there, the second line begins no further step. It is not killed: the programs that its step
+/// started, an emulated board among them, would run on.
+const NO_FURTHER_STEP: &str = "target/no_further_step";
+
 /// Where [`full`] writes when it was last green, and what it ran.
 const OUTPUT_OF_FULL: &str = "target/full.txt";
 
@@ -170,9 +174,9 @@ pub fn check() -> Result<(), String> {
         &[HOUSE, HOST, PYTHON].concat(),
         || matches!(beside.try_wait(), Ok(Some(status)) if !status.success()),
     );
+    let no_further_step = root().join(NO_FURTHER_STEP);
     if of_host.is_err() {
-        // The step that it is at goes on by itself to its end; none follows.
-        let _ = beside.kill();
+        std::fs::write(&no_further_step, "").map_err(problem)?;
     }
     if let Ok(None) = beside.try_wait() {
         println!(
@@ -180,6 +184,7 @@ pub fn check() -> Result<(), String> {
         );
     }
     let ended = beside.wait().map_err(problem)?;
+    let _ = std::fs::remove_file(&no_further_step);
     println!("\n== cargo xtask {OTHER_TARGETS}");
     print!(
         "{}",
@@ -199,7 +204,8 @@ pub fn check() -> Result<(), String> {
 
 /// The second line of the check. What it costs and skips is part of the check's.
 pub fn run_other_targets() -> Result<(), String> {
-    run_until(&of_other_targets(), || false)
+    let no_further_step = root().join(NO_FURTHER_STEP);
+    run_until(&of_other_targets(), || no_further_step.exists())
 }
 
 /// The check and what takes long.
