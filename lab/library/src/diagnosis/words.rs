@@ -267,6 +267,8 @@ struct Said<'a> {
     explained: f64,
     reading_step_um: Option<f64>,
     at_least_um: Option<f64>,
+    /// What a model from before left when it was made.
+    left_then_um: Option<f64>,
     to_go_on: &'static str,
 }
 
@@ -303,6 +305,7 @@ impl<'a> Said<'a> {
             explained: study.policy.explained,
             reading_step_um: study.reading_step_um,
             at_least_um: study.at_least_um,
+            left_then_um: first.model.identified.as_ref().map(|then| then.error_um),
             to_go_on: to_go_on(&study.budget),
         }
     }
@@ -317,6 +320,12 @@ impl<'a> Said<'a> {
 
     fn fell(&self) -> bool {
         self.before_um > self.explained * self.after_um
+    }
+
+    /// The model from before leaves what it left when it was made.
+    fn is_as_then(&self) -> bool {
+        self.left_then_um
+            .is_some_and(|then_um| self.before_um <= self.explained * then_um)
     }
 
     fn headline(&self) -> String {
@@ -375,6 +384,11 @@ impl<'a> Said<'a> {
                     if plural { "them" } else { "it" }
                 )
             }
+            Verdict::Unexplained if !self.fell() && self.is_as_then() => format!(
+                "Nothing is missing that was not missing then: the {which} is {before} nm, the model left {} nm when it was made, and no \
+                 known effect lowers it beyond chance; {noise}.",
+                nm(self.left_then_um.unwrap_or_default())
+            ),
             Verdict::Unexplained => {
                 let best = if self.fell() {
                     format!(
