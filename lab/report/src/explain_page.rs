@@ -665,9 +665,9 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
     };
     Some(Section {
         heading: "The alternatives, and why not".to_owned(),
-        text: "Every effect the library knows was tried on the residual of the model that was started from, after \
+        text: "Each effect of this table was tried on the residual of the model that was started from, after \
                taking out of its signature whatever that model can already do. The share is that of the \
-               residual's power above the noise, with its 90 % interval over resampled blocks; the p-value is corrected for all effects tried; the best are refitted and \
+               residual's power above the noise, with its 90 % interval over resampled blocks; the p-value is corrected for all of them; the best are refitted and \
                judged on records that were not fitted."
             .to_owned(),
         blocks: vec![PageBlock::Table(Table {

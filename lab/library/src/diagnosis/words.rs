@@ -688,6 +688,9 @@ const ALIASES_FROM: f64 = 0.1;
 /// Records whose speeds differ by more than this factor do not move at one speed.
 const ANOTHER_SPEED: f64 = 1.2;
 
+/// Parameters of an effect that are listed where the data leave more open.
+const NAMED_PARAMETERS: usize = 4;
+
 /// What the data leave open.
 #[must_use]
 pub fn cannot_identify(what: &CannotIdentify) -> String {
@@ -695,7 +698,15 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
         CannotIdentify::AnyOf { effect } => {
             format!("{effect}: this data fixes none of its parameters by itself: other values of them do nearly as well together")
         }
-        CannotIdentify::SomeOf { effect, parameters } => format!("{effect}: this data does not fix {}", parameters.join(", ")),
+        CannotIdentify::SomeOf { effect, parameters } => {
+            // Of a density or a surface nobody reads them all; the values in files say it of each.
+            let (first, further) = parameters.split_at(parameters.len().min(NAMED_PARAMETERS));
+            let further = match further.len() {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            format!("{effect}: this data does not fix {}{further}", first.join(", "))
+        }
         CannotIdentify::MinorLoops => {
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()
         }
