@@ -12,6 +12,7 @@ use hysteron::rig_diagnosis::planted::{
 };
 use hysteron::rig_diagnosis::{RigData, diagnose_rig};
 use hysteron::servo::stepping_contact::{identify_contact, rig_on_platform};
+use hysteron::statistics::rms;
 use hysteron::{Policy, Unwatched, WhiteNoise, effects_named, identify};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::effect::hysteresis::Hysteresis;
@@ -19,7 +20,7 @@ use hysteron_sim::effect::initial_curve::InitialCurve;
 use hysteron_sim::effect::play_operators::PlayOperatorsBeside;
 use hysteron_sim::rig_effects::{RIG_EFFECTS, RigEffects};
 use hysteron_sim::stick_slip::StickSlipActuator;
-use hysteron_sim::waveform::{concatenate, hold, triangles};
+use hysteron_sim::waveform::{concatenate, hold, saw_tooth, triangles};
 use hysteron_tests::lugre_rig::{Alteration, LugreRig, RigFactors};
 use std::sync::Arc;
 
@@ -30,6 +31,10 @@ const LOOP_DEGREE: usize = 8;
 const HEIGHTS: u32 = 10;
 /// Seed of the drives under which the contact is identified.
 const CONTACT_SEED: u64 = 800;
+
+/// Heights of the saw-teeth of chapter 3, Fig. 4, and how many of each.
+const FIGURE_4_V: [f64; 3] = [30.0, 50.0, 60.0];
+const FIGURE_4_CYCLES: usize = 12;
 
 /// A rig with the model from before it was altered.
 pub struct ModelledRig {
@@ -162,6 +167,21 @@ impl ModelledRig {
         }
     }
 
+    /// RMS of what the model misses of the slider under the saw-teeth of chapter 3, Fig. 4, without noise, and
+    /// of the slider's way, um.
+    #[must_use]
+    pub fn saw_tooth_error_um(&self) -> [f64; 2] {
+        let (mut errors_um, mut ways_um) = (Vec::new(), Vec::new());
+        for height_v in FIGURE_4_V {
+            let drive_v = saw_tooth(SAMPLE_RATE_HZ, 60.0, height_v, 1.0, FIGURE_4_CYCLES);
+            let true_um = self.reading_um(&RigEffects::default(), &drive_v);
+            let ours_um = self.start.simulate(&drive_v, SAMPLE_RATE_HZ).reading_um;
+            errors_um.extend(true_um.iter().zip(ours_um).map(|(a, b)| a - b));
+            ways_um.extend(true_um);
+        }
+        [rms(&errors_um), rms(&ways_um)]
+    }
+
     /// Recordings of it with these effects.
     ///
     /// # Errors
@@ -191,11 +211,16 @@ impl ModelledRig {
     pub const COLUMNS: &'static str =
         "equations,effect,seed,verdict,reported,mark,before_nm,after_nm,times_noise";
 
-    /// A case, its row and its mark. No effect is a rig in which nothing is missing.
+    /// A case: its row, its mark and how many times the noise is left. No effect is a rig in which nothing is
+    /// missing.
     ///
     /// # Errors
     /// As [`Self::dataset`] and [`Self::diagnosed`].
-    pub fn row(&self, effect: Option<usize>, seed: u64) -> Result<(String, &'static str), String> {
+    pub fn row(
+        &self,
+        effect: Option<usize>,
+        seed: u64,
+    ) -> Result<(String, &'static str, f64), String> {
         let planted = effect.map_or_else(RigEffects::default, |nth| {
             planted_effects(&RIG_EFFECTS[nth], seed)
         });
@@ -203,8 +228,9 @@ impl ModelledRig {
         let truth = effect.map(|nth| RIG_EFFECTS[nth].id);
         let before = found.residual_rms_um.validate.unwrap_or(f64::NAN);
         let mark = mark(&found, truth);
+        let times_noise = found.remainder.times_noise.unwrap_or(f64::NAN);
         let row = format!(
-            "{},{},{seed},{},{},{},{:.2},{:.2},{:.3}",
+            "{},{},{seed},{},{},{},{:.2},{:.2},{times_noise:.3}",
             self.equations.name(),
             truth.unwrap_or("nothing"),
             found.verdict.word(),
@@ -212,8 +238,7 @@ impl ModelledRig {
             mark,
             1e3 * before,
             1e3 * found.remainder.rms_um,
-            found.remainder.times_noise.unwrap_or(f64::NAN)
         );
-        Ok((row, mark))
+        Ok((row, mark, times_noise))
     }
 }
