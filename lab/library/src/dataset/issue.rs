@@ -160,6 +160,15 @@ pub enum IssueKind {
         /// Error of the same effects with one, um.
         fitted_um: f64,
     },
+    /// The reading jumps once and stays.
+    SensorJump {
+        /// Samples before it.
+        sample: usize,
+        /// When, s from the first sample.
+        at_s: f64,
+        /// By how much, um.
+        by_um: f64,
+    },
     /// Loops remember what was before the record.
     RememberedHistory {
         /// Until this time from the first sample, s.
@@ -251,6 +260,7 @@ impl Issue {
     pub fn asks_for_another_search(&self) -> bool {
         match self.kind {
             IssueKind::SameSampleTiming { .. }
+            | IssueKind::SensorJump { .. }
             | IssueKind::SensorOffset { .. }
             | IssueKind::RunsOnBetweenSamples { .. } => self.severity != Severity::Corrects,
             // A state that somebody specified is not changed.

@@ -120,6 +120,12 @@ pub(crate) fn of_kind(kind: &IssueKind) -> String {
             nm(*specified_um),
             nm(*fitted_um)
         ),
+        IssueKind::SensorJump { at_s, by_um, .. } => format!(
+            "the reading jumps {} by about {} nm at {at_s:.4} s and stays there: a target that slipped, or a counter that lost steps. The readings behind \
+             it count without the jump; to keep them, end one record there and begin another (from_s, to_s)",
+            if *by_um < 0.0 { "down" } else { "up" },
+            nm(by_um.abs())
+        ),
         IssueKind::RememberedHistory { until_s, left_s } => format!(
             "the record begins inside the range of its drive in an unknown state and has been through all of it after {until_s:.3} s. Until then its \
              loops remember what no sample shows. Begin with a cycle over the whole range{}",

@@ -106,6 +106,8 @@ pub struct Record {
     pub repeat_of: Option<String>,
     /// A constant is estimated for this record.
     pub offset_is_fitted: bool,
+    /// Samples from which on the readings stand higher or lower, by what is estimated: its sensor slipped.
+    pub steps_at: Vec<usize>,
     /// Nobody specified the state at the first sample: the drive stands still there, so rest is assumed, and
     /// a fit with an unknown state checks it.
     pub state_is_assumed: bool,
@@ -142,6 +144,7 @@ impl Record {
             periods: None,
             repeat_of: None,
             offset_is_fitted: true,
+            steps_at: Vec::new(),
             state_is_assumed: false,
             intersample: Intersample::Hold,
             drive_v,

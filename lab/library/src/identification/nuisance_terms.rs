@@ -147,6 +147,8 @@ impl Places<'_> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum OwnMotion {
     Constant,
+    /// What the constant becomes more from a sample on.
+    StepAt(usize),
     Free(FreeMotion),
     LineHz(f64),
 }
@@ -155,7 +157,7 @@ impl OwnMotion {
     /// Those that values which are fitted seldom move come first: what is made of them serves many models.
     fn rank(&self) -> usize {
         match self {
-            Self::Constant => 0,
+            Self::Constant | Self::StepAt(_) => 0,
             Self::Free(motion) if motion.frequency_rad_s == 0.0 => 1,
             Self::Free(_) => 2,
             Self::LineHz(_) => 3,
@@ -172,6 +174,10 @@ impl OwnMotion {
         let rows = samples.count();
         match self {
             Self::Constant => vec![DVector::from_element(rows, 1.0)],
+            Self::StepAt(from) => {
+                let behind = samples.iter().map(|k| f64::from(u8::from(k >= *from)));
+                vec![DVector::from_iterator(rows, behind)]
+            }
             Self::Free(motion) if motion.frequency_rad_s == 0.0 => {
                 vec![DVector::from_vec(powers(
                     Complex::new(-motion.decay_per_s * dt_s, 0.0),
@@ -265,6 +271,8 @@ fn own_motions(model: &Model, record: &Record) -> Vec<(OwnMotion, Option<f64>)> 
     if record.offset_is_fitted {
         out.push((OwnMotion::Constant, None));
     }
+    let steps = record.steps_at.iter();
+    out.extend(steps.map(|from| (OwnMotion::StepAt(*from), None)));
     for instance in &model.effects {
         let (effect, values) = (&instance.effect, instance.values());
         if record.initial_state == InitialState::Unknown {
@@ -345,6 +353,7 @@ impl OwnAmounts {
                         out.at_rest_std_um = (variance * inverse[(at, at)]).max(0.0).sqrt();
                     }
                 }
+                OwnMotion::StepAt(_) => {}
                 OwnMotion::Free(motion) => out.motions.push((*motion, amplitude)),
                 OwnMotion::LineHz(hz) => {
                     let motion = FreeMotion {

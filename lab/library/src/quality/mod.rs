@@ -13,6 +13,7 @@ mod between_samples;
 mod closed_loop;
 mod initial_state;
 mod remembered_history;
+mod sensor_jump;
 mod sensor_offset;
 mod subject;
 mod timing;
@@ -27,8 +28,9 @@ use crate::dataset::issue::{Issue, Severity};
 pub type Check = fn(&Subject) -> Vec<Issue>;
 
 /// All checks: of two that explain the same error the simpler one stands first.
-const CHECKS: [Check; 7] = [
+const CHECKS: [Check; 8] = [
     answer::check,
+    sensor_jump::check,
     between_samples::check,
     timing::check,
     sensor_offset::check,

@@ -1,5 +1,5 @@
 //! What is wrong with how a record was taken, and no missing effect: it begins in another state than
-//! declared, or a loop was closed.
+//! declared, its sensor slipped, or a loop was closed.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::issue::{Issue, IssueKind, Severity};
@@ -181,6 +181,28 @@ fn a_sensor_whose_zero_is_off_is_corrected_and_no_drift() {
     });
     assert_eq!(offsets.count(), 3, "{:?}", d.issues);
     assert!(corrected.records[..3].iter().all(|r| r.offset_is_fitted));
+}
+
+/// A target that slips while the stage moves: the readings count without the jump, and what is missing is named.
+#[test]
+fn a_reading_that_jumps_and_stays_is_corrected() {
+    let mut dataset = recorded(&stage(true), 0);
+    let clean = dataset.clone();
+    dataset.records[0]
+        .displacement_um
+        .iter_mut()
+        .skip(2345)
+        .for_each(|y| *y += 0.15);
+    let found = explained(&dataset, "gain");
+    let d = &found.diagnosis;
+    assert_eq!(d.named, explained(&clean, "gain").diagnosis.named);
+    let jumps = |i: &&Issue| matches!(i.kind, IssueKind::SensorJump { sample: 2345, .. });
+    let jumps: Vec<&Issue> = d.issues.iter().filter(jumps).collect();
+    assert_eq!(jumps.len(), 1, "{:?}", d.issues);
+    assert_eq!(jumps[0].severity, Severity::Corrects);
+    let corrected = &found.corrected.as_ref().unwrap().records[0];
+    assert_eq!(corrected.steps_at, [2345]);
+    assert!(found.last().error_um() < 1.15 * NOISE_UM, "{}", d.sentence);
 }
 
 /// A record that was cut in the middle of its motion begins with what creep and the mode were doing there.

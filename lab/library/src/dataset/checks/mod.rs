@@ -15,6 +15,7 @@ mod units;
 
 #[cfg(feature = "readers")]
 pub(crate) use answered_jumps::shown_by_readings;
+pub(crate) use outliers::near_a_jump;
 
 use super::data_set::Dataset;
 use super::issue::{Issue, IssueKind, Severity};
@@ -82,6 +83,15 @@ pub(crate) fn apply(dataset: &mut Dataset, issue: &Issue) {
             | IssueKind::NotFollowed { .. },
             Some(record),
         ) => record.leave_out(issue.samples.iter().cloned()),
+        (IssueKind::SensorJump { sample, by_um, .. }, Some(record)) => {
+            let source = record.source.clone();
+            // What the model at hand says of its height; a fit adds the rest.
+            for tape in records.iter_mut().filter(|r| r.source == source) {
+                let behind = tape.displacement_um.iter_mut().skip(*sample);
+                behind.for_each(|reading_um| *reading_um -= by_um);
+                tape.steps_at.push(*sample);
+            }
+        }
         (IssueKind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
         // All records of the tape begin in the same state.
         (IssueKind::InitialState { .. }, Some(record)) => {

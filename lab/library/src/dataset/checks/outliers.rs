@@ -277,7 +277,7 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
 
 /// Whether the drive jumped shortly before a sample or between those it is compared with, or at the beginning
 /// of a record whose first samples are asked for.
-fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
+pub(crate) fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
     let change = |j: usize| (drive_v[j + 1] - drive_v[j]).abs();
     let (from, to) = (
         k.saturating_sub(AROUND),
