@@ -65,7 +65,7 @@ fn found(dataset: &Dataset, model: &Model) -> Vec<Issue> {
 fn jumps_of(record: &Record, missed_um: &[f64]) -> Vec<Jump> {
     let steps: Vec<f64> = missed_um.windows(2).map(|w| w[1] - w[0]).collect();
     let n = steps.len();
-    // What a tape still has beside a jump that was found is none.
+    // A second jump of a tape is not looked for: no third search would begin.
     if n < 2 * AROUND || !record.steps_at.is_empty() {
         return Vec::new();
     }
