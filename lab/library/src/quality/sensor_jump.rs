@@ -5,7 +5,7 @@
 //! hides in the motion of the record; it stands out in what a model misses, once the model follows that motion.
 
 use super::subject::{Moment, Subject};
-use crate::dataset::checks::near_a_jump;
+use crate::dataset::checks::{ALONE_SHARE, ALONE_WITHIN, is_alone, near_a_jump, stands_out};
 use crate::dataset::issue::{Issue, IssueKind, Severity};
 use crate::dataset::{Dataset, Record};
 use crate::identification::fit::residual;
@@ -13,15 +13,6 @@ use crate::parallel;
 use crate::statistics::mean;
 use hysteron_sim::chain::Model;
 use std::collections::BTreeMap;
-
-/// A step of the residual is a jump where it is so many times what steps usually are around it.
-const STANDS_OUT: f64 = 12.0;
-/// Samples on each side that say what is usual.
-const AROUND: usize = 64;
-/// Samples on each side through which a straight line is laid, and in which nothing else may stand out.
-const BESIDE: usize = 8;
-/// Share of the step that those beside it may have, and that may come back.
-const ALONE_SHARE: f64 = 0.3;
 
 /// From this sample on the reading stays by so much higher.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,41 +57,31 @@ fn jumps_of(record: &Record, missed_um: &[f64]) -> Vec<Jump> {
     let steps: Vec<f64> = missed_um.windows(2).map(|w| w[1] - w[0]).collect();
     let n = steps.len();
     // A second jump of a tape is not looked for: no third search would begin.
-    if n < 2 * AROUND || !record.steps_at.is_empty() {
+    if n <= 2 * ALONE_WITHIN || !record.steps_at.is_empty() {
         return Vec::new();
     }
     let sizes: Vec<f64> = steps.iter().map(|step| step.abs()).collect();
     let usual_everywhere = mean(&sizes);
-    let stands_out = |k: usize| {
-        if sizes[k] <= STANDS_OUT * usual_everywhere {
-            return false;
-        }
-        let around = &sizes[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
-        let usual = (around.iter().sum::<f64>() - sizes[k]) / (around.len() - 1) as f64;
-        sizes[k] > STANDS_OUT * usual
-    };
     let jump = |k: usize| {
-        let beside = (k - BESIDE..=k + BESIDE).filter(|j| *j != k);
-        let alone = beside.map(|j| sizes[j]).fold(0.0, f64::max) < ALONE_SHARE * sizes[k];
-        let before: Vec<f64> = missed_um[k + 1 - BESIDE..=k]
+        let before: Vec<f64> = missed_um[k + 1 - ALONE_WITHIN..=k]
             .iter()
             .rev()
             .copied()
             .collect();
-        let by_um = come_from(&missed_um[k + 1..k + 1 + BESIDE]) - come_from(&before);
+        let by_um = come_from(&missed_um[k + 1..k + 1 + ALONE_WITHIN]) - come_from(&before);
         let stays = (by_um - steps[k]).abs() < ALONE_SHARE * sizes[k];
         let sample = record.window.start + k;
         let moved = std::iter::once(&record.drive_v)
             .chain(&record.force_n)
             .chain(record.auxiliary.iter().map(|signal| &signal.values))
             .any(|signal| near_a_jump(signal, sample));
-        (alone && stays && !moved).then_some(Jump {
+        (is_alone(&sizes, k) && stays && !moved).then_some(Jump {
             sample: sample + 1,
             by_um,
         })
     };
-    (BESIDE..n - BESIDE)
-        .filter(|k| stands_out(*k))
+    (ALONE_WITHIN..n - ALONE_WITHIN)
+        .filter(|k| stands_out(&sizes, usual_everywhere, *k))
         .filter_map(jump)
         .collect()
 }

@@ -15,7 +15,7 @@ mod units;
 
 #[cfg(feature = "readers")]
 pub(crate) use answered_jumps::shown_by_readings;
-pub(crate) use outliers::near_a_jump;
+pub(crate) use outliers::{ALONE_SHARE, ALONE_WITHIN, is_alone, near_a_jump, stands_out};
 
 use super::data_set::Dataset;
 use super::issue::{Issue, IssueKind, Severity};

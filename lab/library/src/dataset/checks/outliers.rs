@@ -22,9 +22,9 @@ const STANDS_OUT: f64 = 15.0;
 /// Samples on each side that say what is usual.
 const AROUND: usize = 64;
 /// Samples on each side in which nothing else may stand out.
-const ALONE_WITHIN: usize = 8;
+pub(crate) const ALONE_WITHIN: usize = 8;
 /// Share of the difference that those beside it may have.
-const ALONE_SHARE: f64 = 0.2;
+pub(crate) const ALONE_SHARE: f64 = 0.2;
 /// A drive jumps where it changes by so many times what it changes by on average around.
 const JUMP: f64 = 8.0;
 /// Samples on each side that a reading is compared with.
@@ -185,6 +185,24 @@ fn expected(values: &[f64], k: usize) -> f64 {
     }
 }
 
+/// What sizes around one usually are.
+fn usual_around(sizes: &[f64], k: usize) -> f64 {
+    let around = &sizes[k.saturating_sub(AROUND)..(k + AROUND + 1).min(sizes.len())];
+    (around.iter().sum::<f64>() - sizes[k]) / (around.len() - 1) as f64
+}
+
+/// A size is many times what sizes are everywhere, and around it.
+pub(crate) fn stands_out(sizes: &[f64], usual_everywhere: f64, k: usize) -> bool {
+    sizes[k] > STANDS_OUT * usual_everywhere && sizes[k] > STANDS_OUT * usual_around(sizes, k)
+}
+
+/// Those beside a size are small.
+pub(crate) fn is_alone(sizes: &[f64], k: usize) -> bool {
+    let (from, to) = (k.saturating_sub(ALONE_WITHIN), k + ALONE_WITHIN + 1);
+    let beside = (from..to.min(sizes.len())).filter(|j| *j != k);
+    beside.map(|j| sizes[j]).fold(0.0, f64::max) < ALONE_SHARE * sizes[k]
+}
+
 /// The readings that stand out.
 fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     let (readings_um, drive_v) = (&record.displacement_um, &record.drive_v);
@@ -196,17 +214,7 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         .map(|k| (readings_um[k] - expected(readings_um, k)).abs())
         .collect();
     let usual_everywhere = mean(&apart);
-    let usual = |k: usize| {
-        let around = &apart[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
-        usual_everywhere.max((around.iter().sum::<f64>() - apart[k]) / (around.len() - 1) as f64)
-    };
-    let stands_out =
-        |k: usize| apart[k] > STANDS_OUT * usual_everywhere && apart[k] > STANDS_OUT * usual(k);
-    let alone = |k: usize| {
-        let beside =
-            (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
-        beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
-    };
+    let usual = |k: usize| usual_everywhere.max(usual_around(&apart, k));
     // Where readings run into their own end, the last one before it is no outlier: the bend there is as
     // sharp.
     let at_its_end =
@@ -255,7 +263,7 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     };
     let mut found: Vec<usize> = (0..n)
         .filter(|k| {
-            stands_out(*k)
+            stands_out(&apart, usual_everywhere, *k)
                 && apart[*k] > AS_THE_DRIVE * of_the_drive(*k)
                 && !is_corner(*k)
                 && !beside_an_end(*k)
@@ -268,7 +276,7 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         let rounding_um = ROUNDED_BY * least_gap(readings_um);
         found.retain(|k| apart[*k] > rounding_um);
     }
-    let (single, beside_others) = found.into_iter().partition(|k| alone(*k));
+    let (single, beside_others) = found.into_iter().partition(|k| is_alone(&apart, *k));
     Outliers {
         single,
         beside_others,
