@@ -88,12 +88,19 @@ impl SearchArguments {
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct TimeArguments {
     /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more
-    /// is found)
+    /// is found, and of several axes after 600 s at most)
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     within: Option<Duration>,
 }
 
 impl TimeArguments {
+    /// This time, where none was given.
+    pub fn or(self, within: Duration) -> Self {
+        Self {
+            within: self.within.or(Some(within)),
+        }
+    }
+
     /// Does what is watched in that time.
     pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
         match self.within {

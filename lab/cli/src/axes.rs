@@ -3,6 +3,7 @@
 use crate::arguments::{Outputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
+use crate::tables::say_stopped;
 use clap::Subcommand;
 use hysteron::several_axes::decoupling::{AxesServo, Decoupling, with_hidden_coupling};
 use hysteron::several_axes::finder::{AxesPolicy, find};
@@ -24,7 +25,7 @@ use hysteron_sim::several_axes::ModalStage;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What to do with a stage of several axes.
 #[derive(Subcommand)]
@@ -282,6 +283,9 @@ fn read_start(desk: &Desk, from: &Path, data: &AxesData) -> Result<Described> {
     })
 }
 
+/// How long a search of several axes takes at most where nobody says.
+const SEARCHED_WITHIN: Duration = Duration::from_secs(600);
+
 /// How a search is done.
 pub struct Manner {
     /// Every step is printed.
@@ -308,9 +312,10 @@ pub fn explain(
     desk.target(out)?;
     outputs.check(&desk)?;
     let progress = Progress::of_search(manner.verbose);
-    let found = manner.time.beside(&progress, |watch| {
+    let time = manner.time.or(SEARCHED_WITHIN);
+    let found = time.beside(&progress, |watch| {
         find(&data, &start, &AxesPolicy::default(), watch)
-    })?;
+    });
     drop(progress);
     let figures = figures(&found, &data, started.elapsed().as_secs_f64());
     let unit = if figures.error_in == "noise" {
@@ -318,6 +323,7 @@ pub fn explain(
     } else {
         "of the reading"
     };
+    say_stopped(found.stopped);
     println!("{}: {}", data.name, figures.sentence);
     for effect in &figures.named {
         let or = effect.or.iter().fold(String::new(), |text, other| {
@@ -327,6 +333,9 @@ pub fn explain(
             "  {:<20} {:<48} without it {:.3} {unit}{or}",
             effect.effect, effect.channel, effect.error_without
         );
+    }
+    for effect in &figures.not_decided {
+        println!("  not decided: {effect}");
     }
     for sensor in &figures.sensors {
         println!(
@@ -623,8 +632,11 @@ fn score(effects: &[String], cases: u64, out: Option<&Path>, force: bool) -> Res
         for seed in 1..=cases {
             progress.say(&format!("{}, stage {seed} of {cases}", plant.name()));
             let began = Instant::now();
-            let this = planted_stage(plant, seed)
-                .search(&AxesPolicy::default(), &progress as &dyn Watch)?;
+            let this =
+                planted_stage(plant, seed).search(&AxesPolicy::default(), &progress as &dyn Watch);
+            if progress.stopped() {
+                break;
+            }
             table += &(this.row(plant, seed, began.elapsed().as_secs_f64()) + "\n");
             judged.push(this);
         }

@@ -19,6 +19,11 @@ pub trait Problem {
 
     /// The model with its numbers moved.
     fn moved(&self, model: &Self::Model, step: &DVector<f64>) -> Self::Model;
+
+    /// Whether there is time for another step.
+    fn goes_on(&self) -> bool {
+        true
+    }
 }
 
 /// Levenberg's damping, relative to the diagonal: the usual schedule of Levenberg and Marquardt.
@@ -30,7 +35,7 @@ const TRIALS: usize = 6;
 /// Ridge of the normal equations, relative to their diagonal: directions that the data do not show stay.
 const RIDGE: f64 = 1e-12;
 
-/// The model refined until a step lowers the cost by a smaller share than `fall_enough`.
+/// The model refined until a step lowers the cost by a smaller share than `fall_enough`, or as far as it goes on.
 pub fn refined<P: Problem>(
     problem: &P,
     start: &P::Model,
@@ -41,6 +46,9 @@ pub fn refined<P: Problem>(
     let mut cost = problem.cost(&best);
     let mut damping = DAMPING_FIRST;
     for _ in 0..steps_max {
+        if !problem.goes_on() {
+            break;
+        }
         let (columns, residual) = problem.linearised(&best);
         let (gram, against) = (columns.tr_mul(&columns), columns.tr_mul(&residual));
         let before = cost;

@@ -62,6 +62,15 @@ fn effects(figures: &AxesFigures) -> Section {
             effect.or.join(" or "),
         ]
     });
+    let not_decided = figures.not_decided.iter().map(|named| {
+        vec![
+            named.clone(),
+            "not decided".into(),
+            String::new(),
+            String::new(),
+        ]
+    });
+    let found = found.chain(not_decided);
     let steps = figures
         .steps
         .iter()

@@ -4,6 +4,8 @@
 use crate::identification::work::{Stage, Work};
 use crate::watch::{Watch, WatchEvent};
 
+/// What is done between two looks at the budget: enough for the cores of a desk.
+const AT_ONCE: usize = 4;
 /// Share of the budget that a search may take.
 pub const SEARCH_ENDS_AT: f64 = 0.5;
 /// The share that is used when other effects were tried in the place of what it found. At 0.8 nothing is left for
@@ -38,6 +40,12 @@ impl<'w> Budget<'w> {
         }
     }
 
+    /// A budget that only the caller's time ends.
+    #[must_use]
+    pub fn of_time(watch: &'w dyn Watch) -> Self {
+        Self::new(f64::INFINITY, watch)
+    }
+
     /// The share of the caller's time that is used since it began.
     fn time_used(&self) -> f64 {
         let left = 1.0 - self.over_before;
@@ -67,6 +75,25 @@ impl<'w> Budget<'w> {
             share: used[0].max(used[1]).clamp(0.0, 1.0),
         });
         used[0] >= ends_at[0] || used[1] >= ends_at[1]
+    }
+
+    /// What `f` makes of items, a few at once, until the present stage has had its share.
+    pub fn while_it_lasts<T: Sync, R: Send + Sync>(
+        &self,
+        items: &[T],
+        f: impl Fn(&T) -> R + Sync + Send,
+    ) -> Vec<R> {
+        items
+            .chunks(AT_ONCE)
+            .take_while(|_| !self.is_over())
+            .flat_map(|few| crate::parallel::map(few, &f))
+            .collect()
+    }
+
+    /// Whether the caller wants the best so far.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.watch.stopped()
     }
 
     /// Whether steps end it before the caller's time does.

@@ -67,8 +67,6 @@ pub struct Study<'a> {
     pub all: Rows,
 }
 
-/// Models that are fitted between two looks at the budget: enough for the cores of a desk.
-const AT_ONCE: usize = 4;
 /// How far a fit goes to see whether a set of effects can compete.
 const QUICK: Effort = Effort {
     iterations: 6,
@@ -524,11 +522,7 @@ impl<'a> Study<'a> {
         items: &[T],
         f: impl Fn(&T) -> R + Sync + Send,
     ) -> Vec<R> {
-        items
-            .chunks(AT_ONCE)
-            .take_while(|_| !self.budget.is_over())
-            .flat_map(|few| crate::parallel::map(few, &f))
-            .collect()
+        self.budget.while_it_lasts(items, f)
     }
 
     /// Judges a model as it is on all samples.

@@ -11,8 +11,9 @@ use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
-use crate::diagnosis::budget::SEARCH_ENDS_AT;
-use crate::error::{Error, Result};
+use crate::diagnosis::budget::Budget;
+use crate::identification::work::Stage;
+use crate::least_squares::Problem as _;
 use crate::least_squares::damped_solution;
 use crate::parallel;
 use crate::watch::{Watch, WatchEvent};
@@ -80,6 +81,12 @@ pub struct AxesFound {
     pub steps: Vec<Joined>,
     /// Its effects.
     pub findings: Vec<AxisFinding>,
+    /// Effects of the model that nothing was tried in the place of, in words: the budget ended before.
+    pub untested: Vec<String>,
+    /// The caller wanted the best so far.
+    pub stopped: bool,
+    /// The budget ended before nothing more was found.
+    pub ended_early: bool,
     /// Held-out error, weighted RMS: in times the noise where the records show it.
     pub error: f64,
     /// That error on the records that were fitted.
@@ -126,36 +133,41 @@ const STEPS_OF_LAST: usize = 20;
 const FALL_OF_SEARCH: f64 = 1e-2;
 const FALL_OF_LAST: f64 = 1e-4;
 
-/// Finds the effects of a data set, beside those of a model to start from.
-///
-/// # Errors
-/// When the watch stops it.
+/// Finds the effects of a data set, beside those of a model to start from: all of them, or the best so far where
+/// the budget or the caller ends it.
+#[must_use]
 pub fn find(
     data: &AxesData,
     start: &Described,
     policy: &AxesPolicy,
     watch: &dyn Watch,
-) -> Result<AxesFound> {
-    let problem = Problem::new(data);
+) -> AxesFound {
+    let budget = Budget::of_time(watch);
+    let problem = Problem::new(data, budget.clone());
     let search = Search {
         problem: &problem,
         policy,
         watch,
+        budget: &budget,
     };
+    budget.work.enter(Stage::Search);
     let mut model = problem.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
     let given = model.effects.len();
     let mut judged = problem.judged(&model.stage);
     let mut steps = Vec::new();
-    while model.effects.len() < policy.effects_max
-        && !search.at_the_noise(&judged)
-        && watch.time_used() < SEARCH_ENDS_AT
-    {
+    let mut ended_early = false;
+    while model.effects.len() < policy.effects_max && !search.at_the_noise(&judged) {
+        ended_early = search.is_over();
+        if ended_early {
+            break;
+        }
         let names: Vec<String> = steps
             .iter()
             .map(|step: &Joined| step.named.clone())
             .collect();
-        let joined = search.step(&model, &judged, &names)?;
+        let joined = search.step(&model, &judged, &names);
         if joined.is_empty() {
+            ended_early = search.is_over();
             break;
         }
         for (effect, next, next_judged) in joined {
@@ -168,19 +180,24 @@ pub fn find(
             (model, judged) = (next, next_judged);
         }
     }
+    budget.work.enter(Stage::Closure);
     model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
-    let (model, findings) = search.question(model, given)?;
+    budget.work.enter(Stage::Ablation);
+    let (model, findings, untested) = search.question(model, given);
     let judged = problem.judged(&model.stage);
-    Ok(AxesFound {
+    AxesFound {
         steps,
         findings,
+        untested,
+        stopped: budget.is_stopped(),
+        ended_early,
         error: rms(&judged),
         fitted_error: problem.cost(&model.stage, Role::Identify).sqrt(),
         in_times_the_noise: problem.noise_known,
         held_out_rms: problem.errors(&model.stage, Role::Validate),
         reading_rms: problem.scales.reading_rms.clone(),
         model,
-    })
+    }
 }
 
 fn rms(judged: &[f64]) -> f64 {
@@ -214,9 +231,14 @@ struct Search<'p> {
     problem: &'p Problem<'p>,
     policy: &'p AxesPolicy,
     watch: &'p dyn Watch,
+    budget: &'p Budget<'p>,
 }
 
 impl Search<'_> {
+    fn is_over(&self) -> bool {
+        self.budget.is_stopped() || self.budget.is_over()
+    }
+
     fn at_the_noise(&self, judged: &[f64]) -> bool {
         self.problem.noise_known && rms(judged) < self.policy.at_the_noise
     }
@@ -231,15 +253,7 @@ impl Search<'_> {
 
     /// The candidate that lowers the held-out error most, fitted; where none does, two that do together; else
     /// nothing.
-    fn step(
-        &self,
-        model: &Described,
-        judged: &[f64],
-        beside: &[String],
-    ) -> Result<Vec<FittedEffect>> {
-        if self.watch.stopped() {
-            return Err(Error::Stopped);
-        }
+    fn step(&self, model: &Described, judged: &[f64], beside: &[String]) -> Vec<FittedEffect> {
         let candidates = self.candidates(model);
         self.watch.event(&WatchEvent::Scoring {
             candidates: candidates.len(),
@@ -247,12 +261,12 @@ impl Search<'_> {
         });
         let fitted = self.fitted(self.scored(model, &candidates), self.policy.fitted);
         if let Some(one) = self.lowest(fitted.clone(), judged) {
-            return Ok(vec![one]);
+            return vec![one];
         }
         let mut lowest: Option<[FittedEffect; 2]> = None;
         for first in fitted {
-            if self.watch.stopped() {
-                return Err(Error::Stopped);
+            if self.is_over() {
+                break;
             }
             let candidates = self.candidates(&first.1);
             let second = self.fitted(self.scored(&first.1, &candidates), self.policy.fitted);
@@ -263,7 +277,7 @@ impl Search<'_> {
                 lowest = Some([first, second]);
             }
         }
-        Ok(lowest.map_or_else(Vec::new, Vec::from))
+        lowest.map_or_else(Vec::new, Vec::from)
     }
 
     /// Of effects whose model is better than what is judged: the one with the fewest numbers of those that are
@@ -291,7 +305,7 @@ impl Search<'_> {
     /// The best candidates by their linearised falls, fitted, with what judges them.
     fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<FittedEffect> {
         let best: Vec<Scored> = scored.into_iter().take(count).collect();
-        parallel::map(&best, |scored| {
+        self.budget.while_it_lasts(&best, |scored| {
             let fitted = self
                 .problem
                 .fit(&scored.start, STEPS_OF_SEARCH, FALL_OF_SEARCH);
@@ -301,44 +315,51 @@ impl Search<'_> {
     }
 
     /// Takes every effect out once: removes those without which the error is no larger, and finds what does
-    /// as well in the place of the others.
+    /// as well in the place of the others. Then come, in words, those that the budget did not reach: a fit that
+    /// it ends says nothing.
     fn question(
         &self,
         mut model: Described,
         given: usize,
-    ) -> Result<(Described, Vec<AxisFinding>)> {
+    ) -> (Described, Vec<AxisFinding>, Vec<String>) {
         loop {
             let judged = self.problem.judged(&model.stage);
             let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
-            let without = parallel::map(&effects, |effect| {
+            let without = self.budget.while_it_lasts(&effects, |effect| {
                 let fitted =
                     self.problem
                         .fit(&model.without(*effect), STEPS_OF_SEARCH, FALL_OF_SEARCH);
                 let without = self.problem.judged(&fitted.stage);
                 (fitted, without)
             });
+            let is_over = self.is_over();
             // The one that is missed least goes first: another one may take its place.
             let idle = without
                 .iter()
                 .filter(|(_, without)| !self.is_better(&judged, without));
-            if let Some((fitted, _)) = idle.min_by(|a, b| rms(&a.1).total_cmp(&rms(&b.1))) {
+            let idle = idle.min_by(|a, b| rms(&a.1).total_cmp(&rms(&b.1)));
+            if let Some((fitted, _)) = idle.filter(|_| !is_over) {
                 model = fitted.clone();
                 continue;
             }
-            let mut findings = Vec::new();
-            for (effect, (fitted, without)) in effects.iter().zip(&without) {
-                if self.watch.stopped() {
-                    return Err(Error::Stopped);
-                }
+            let (mut findings, mut untested) = (Vec::new(), Vec::new());
+            for (n, effect) in effects.iter().enumerate() {
                 let named = effect.named(&model.stage, self.problem.data);
-                findings.push(AxisFinding {
-                    effect: *effect,
-                    named,
-                    without: rms(without),
-                    or: self.instead(*effect, &judged, &model, fitted),
+                let tested = without.get(n).filter(|_| !self.is_over());
+                let instead = tested.map(|(fitted, without)| {
+                    (rms(without), self.instead(*effect, &judged, &model, fitted))
                 });
+                match instead.filter(|_| !self.is_over()) {
+                    Some((without, or)) => findings.push(AxisFinding {
+                        effect: *effect,
+                        named,
+                        without,
+                        or,
+                    }),
+                    None => untested.push(named),
+                }
             }
-            return Ok((model, findings));
+            return (model, findings, untested);
         }
     }
 
@@ -495,6 +516,9 @@ impl Search<'_> {
         let own = model.free();
         let gram_of_own = rows[0].columns.tr_mul(&rows[0].columns);
         let score = |candidate: &Candidate| -> Option<Scored> {
+            if !problem.goes_on() {
+                return None;
+            }
             let with = model.with(candidate.effect, candidate.guess, &problem.scales);
             // At first the shape of what does nothing has no derivative.
             let shapes = |free: &Free| {

@@ -3,6 +3,7 @@
 use super::recordings::{AxesData, AxesRecord};
 use super::structure::{Described, Free, Part, Scales};
 use crate::dataset::Role;
+use crate::diagnosis::budget::Budget;
 use crate::least_squares::{self, refined};
 use crate::parallel;
 use crate::statistics::rms_about_mean;
@@ -13,6 +14,8 @@ use nalgebra::{DMatrix, DVector};
 pub(super) struct Problem<'d> {
     pub(super) data: &'d AxesData,
     pub(super) scales: Scales,
+    /// How long its fits may go on.
+    pub(super) budget: Budget<'d>,
     /// For each record and sensor: one over its noise, or over its RMS where a record does not show the
     /// noise.
     weights: Vec<Vec<f64>>,
@@ -47,33 +50,38 @@ fn slices<T>(signals: &[Vec<T>]) -> Vec<&[T]> {
 
 impl<'d> Problem<'d> {
     /// Records that are explained down to their noise.
-    pub(super) fn new(data: &'d AxesData) -> Self {
+    pub(super) fn new(data: &'d AxesData, budget: Budget<'d>) -> Self {
         let scales = Scales::from_data(data);
         let noise_known = data.records.iter().all(|record| record.noise.is_some());
         let weight = |record: &AxesRecord, i: usize| match (&record.noise, noise_known) {
             (Some(noise), true) => 1.0 / noise[i].max(NOISE_LEAST * scales.reading_rms[i]),
             _ => 1.0 / scales.reading_rms[i],
         };
-        Self::weighted(data, weight)
+        Self::weighted(data, budget, weight)
     }
 
     /// Records of which a model explains the same share at every level, if their noise is below it.
-    pub(super) fn with_model_error(data: &'d AxesData) -> Self {
+    pub(super) fn with_model_error(data: &'d AxesData, budget: Budget<'d>) -> Self {
         let weight = |record: &AxesRecord, i: usize| {
             let rms = rms_about_mean(&record.readings[i][record.counted_from..record.counted_to]);
             let noise = record.noise.as_ref().map_or(0.0, |noise| noise[i]);
             1.0 / (MODEL_ERROR * rms).hypot(noise).max(f64::MIN_POSITIVE)
         };
-        Self::weighted(data, weight)
+        Self::weighted(data, budget, weight)
     }
 
-    fn weighted(data: &'d AxesData, weight: impl Fn(&AxesRecord, usize) -> f64) -> Self {
+    fn weighted(
+        data: &'d AxesData,
+        budget: Budget<'d>,
+        weight: impl Fn(&AxesRecord, usize) -> f64,
+    ) -> Self {
         let of_record = |record| (0..data.sensors.len()).map(|i| weight(record, i)).collect();
         Self {
             data,
             weights: data.records.iter().map(of_record).collect(),
             noise_known: data.records.iter().all(|record| record.noise.is_some()),
             scales: Scales::from_data(data),
+            budget,
         }
     }
 
@@ -372,7 +380,7 @@ impl<'d> Problem<'d> {
     }
 
     /// Refines all numbers of a model on the records that are fitted, until a step lowers the cost by a
-    /// smaller share than `fall_enough`.
+    /// smaller share than `fall_enough`, or the time of the stage is over.
     pub(super) fn fit(&self, model: &Described, steps_max: usize, fall_enough: f64) -> Described {
         if model.free().is_empty() {
             return model.clone();
@@ -383,6 +391,10 @@ impl<'d> Problem<'d> {
 
 impl least_squares::Problem for Problem<'_> {
     type Model = Described;
+
+    fn goes_on(&self) -> bool {
+        !self.budget.time_is_over() && !self.budget.is_stopped()
+    }
 
     fn cost(&self, model: &Described) -> f64 {
         Self::cost(self, &model.stage, Role::Identify)

@@ -9,10 +9,11 @@ use super::modal_start::modal_start;
 use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
-use crate::diagnosis::budget::SEARCH_ENDS_AT;
-use crate::error::{Error, Result};
+use crate::diagnosis::budget::Budget;
+use crate::error::Result;
+use crate::identification::work::Stage;
 use crate::statistics::rms_about_mean;
-use crate::watch::Watch;
+use crate::watch::{Unwatched, Watch};
 use serde::Serialize;
 
 /// What a model is to consist of.
@@ -43,41 +44,44 @@ const ROUNDS: usize = 12;
 /// A round that lowers the squares by less ends the fit: half of that is a fifth of a per cent of an error.
 const FALL_ENOUGH: f64 = 4e-3;
 
-/// Identifies a model, or refines one.
+/// Identifies a model, or refines one, to the best so far where the watch ends it.
 ///
 /// # Errors
-/// When the responses show no mode, or the watch stops it.
+/// When the responses show no mode.
 pub fn identify(
     data: &AxesData,
     from: Option<Described>,
     structure: Structure,
     watch: &dyn Watch,
 ) -> Result<Described> {
-    let problem = Problem::with_model_error(data);
-    let refined = |mut model: Described| -> Result<Described> {
+    let budget = Budget::of_time(watch);
+    budget.work.enter(Stage::Report);
+    let problem = Problem::with_model_error(data, budget.clone());
+    let is_over = || budget.is_stopped() || budget.is_over();
+    let refined = |mut model: Described| -> Described {
         let mut cost = problem.cost(&model.stage, Role::Identify);
         for _ in 0..ROUNDS {
-            if watch.stopped() {
-                return Err(Error::Stopped);
-            }
             model = problem.fit(&model, STEPS, FALL_ENOUGH / STEPS as f64);
             let now = problem.cost(&model.stage, Role::Identify);
-            if now > (1.0 - FALL_ENOUGH) * cost || watch.time_used() > SEARCH_ENDS_AT {
+            if now > (1.0 - FALL_ENOUGH) * cost || is_over() {
                 break;
             }
             cost = now;
         }
-        Ok(model)
+        model
     };
     let mut model = match from {
         Some(model) => model,
-        None => refined(modal_start(data, structure.modes)?)?,
+        None => refined(modal_start(data, structure.modes)?),
     };
     let signals = problem.simulate(&model.stage);
     let reach: Vec<f64> = (0..data.drives.len())
         .map(|drive| problem.extension_reach(&model.stage, &signals, drive))
         .collect();
     let add = |mut model: Described, effect: &dyn Fn(usize) -> AxisEffect| {
+        if is_over() {
+            return model;
+        }
         for (drive, reach) in reach.iter().enumerate() {
             if !model.effects.contains(&effect(drive)) {
                 model = model.with(effect(drive), [*reach, 0.0], &problem.scales);
@@ -86,10 +90,10 @@ pub fn identify(
         refined(model)
     };
     if structure.actuator_softening {
-        model = add(model, &|drive| AxisEffect::ActuatorSoftening { drive })?;
+        model = add(model, &|drive| AxisEffect::ActuatorSoftening { drive });
     }
     if structure.actuator_hysteresis {
-        model = add(model, &|drive| AxisEffect::ActuatorHysteresis { drive })?;
+        model = add(model, &|drive| AxisEffect::ActuatorHysteresis { drive });
     }
     Ok(model)
 }
@@ -97,7 +101,7 @@ pub fn identify(
 /// The errors of a model on all records.
 #[must_use]
 pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
-    let problem = Problem::new(data);
+    let problem = Problem::new(data, Budget::of_time(&Unwatched));
     let of_record = |n: usize| {
         let record = &data.records[n];
         let counted = record.counted_from..record.counted_to;

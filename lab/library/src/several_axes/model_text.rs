@@ -162,6 +162,10 @@ pub struct AxesFigures {
     pub sentence: String,
     /// Effects, each with its channel.
     pub named: Vec<NamedEffect>,
+    /// Effects of the model that the search did not come to test, in words.
+    pub not_decided: Vec<String>,
+    /// Whether the caller wanted the best so far.
+    pub stopped: bool,
     /// How the model grew.
     pub steps: Vec<StepFigures>,
     /// Held-out error of all sensors.
@@ -188,11 +192,20 @@ fn sentence(found: &AxesFound, data: &AxesData) -> String {
     };
     let (drives, sensors) = (data.drives.len(), data.sensors.len());
     let start = found.steps.first().map_or(found.error, |step| step.before);
-    let fall = format!(
+    let mut fall = format!(
         "{} effects in {drives} drives and {sensors} sensors; the held-out error falls from {start:.3} to {:.3} {unit}",
-        found.findings.len(),
+        found.findings.len() + found.untested.len(),
         found.error
     );
+    if !found.untested.is_empty() {
+        fall += &format!(
+            "; the search ended before it tested {} of them",
+            found.untested.len()
+        );
+    }
+    if found.ended_early {
+        return format!("{fall}. It found no end: more may be missing");
+    }
     if !found.in_times_the_noise {
         return format!("{fall}. Nothing shows the noise: record five periods or more");
     }
@@ -229,6 +242,8 @@ pub fn figures(found: &AxesFound, data: &AxesData, seconds: f64) -> AxesFigures 
         name: data.name.clone(),
         sentence: sentence(found, data),
         named: found.findings.iter().map(named).collect(),
+        not_decided: found.untested.clone(),
+        stopped: found.stopped,
         steps: found.steps.iter().map(step).collect(),
         error: found.error,
         fitted_error: found.fitted_error,

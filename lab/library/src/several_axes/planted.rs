@@ -382,12 +382,14 @@ impl PlantedStage {
     }
 
     /// Searches for everything from a stage in which nothing moves, and compares.
-    ///
-    /// # Errors
-    /// When the watch stops it.
-    pub fn search(&self, policy: &AxesPolicy, watch: &dyn Watch) -> Result<JudgedStage> {
-        let found = find(&self.data, &Described::empty(&self.data), policy, watch)?;
-        Ok(self.judge(&found))
+    #[must_use]
+    pub fn search(&self, policy: &AxesPolicy, watch: &dyn Watch) -> JudgedStage {
+        self.judge(&find(
+            &self.data,
+            &Described::empty(&self.data),
+            policy,
+            watch,
+        ))
     }
 
     /// The mode of the stage that a found mode is.
