@@ -254,13 +254,31 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
 #[cfg(test)]
 mod tests {
     use crate::chain::{Drive, InitialState, Model};
-    use crate::effect::{Overview, model_of};
+    use crate::effect::{Overview, Parameter, by_id, model_of};
     use std::f64::consts::TAU;
 
     fn model(chain: &[(&str, &[f64])], frequency_hz: f64, damping_ratio: f64) -> Model {
         let filter: &[f64] = &[frequency_hz, damping_ratio];
         let effects = [chain, &[("sensor_filter", filter)]].concat();
         model_of(&Overview::without_data(0.0, 1.0), &effects)
+    }
+
+    /// Its law is that of a mode, and its frequency the same quantity in another unit.
+    #[test]
+    fn its_quantities_are_those_of_a_mode() {
+        let overview = Overview::without_data(0.0, 1.0);
+        let [filter, mode] = ["sensor_filter", "vibration"].map(|id| {
+            let effect = by_id(id).unwrap();
+            let parameters = effect.parameters(&overview);
+            let of = |p: &Parameter| (p.quantity().0.to_owned(), p.quantity().1);
+            parameters.iter().map(of).collect::<Vec<_>>()
+        });
+        let names =
+            |of: &[(String, f64)]| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&filter), ["natural_frequency", "damping_ratio"]);
+        assert_eq!(names(&filter), names(&mode));
+        assert!((filter[0].1 / mode[0].1 - TAU).abs() < 1e-12);
+        assert_eq!([filter[1].1, mode[1].1], [1.0; 2]);
     }
 
     /// Without inertia a step of the drive is a step of the displacement: the reading is the textbook's step

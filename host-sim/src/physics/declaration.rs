@@ -1,5 +1,7 @@
 //! What an effect declares about itself, as data.
 
+use std::f64::consts::TAU;
+
 /// Where an effect stands in the chain from drive to measurement, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Place {
@@ -115,6 +117,17 @@ impl Parameter {
             fixed: false,
             expected_steps: None,
             of_a_grid: false,
+        }
+    }
+
+    /// What it is of, without its unit, and how much one of its unit is in SI's: a frequency is one quantity in
+    /// Hz and in rad/s.
+    #[must_use]
+    pub fn quantity(&self) -> (&str, f64) {
+        match self.unit.as_str() {
+            "Hz" => (self.name.trim_end_matches("_hz"), TAU),
+            "rad/s" => (self.name.trim_end_matches("_rad_s"), 1.0),
+            _ => (&self.name, 1.0),
         }
     }
 

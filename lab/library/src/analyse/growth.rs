@@ -278,8 +278,11 @@ fn ablate(search: &mut Search, ablated: &mut BTreeSet<Vec<String>>) -> Result<Ve
         let minimal = close(&mut search.pool, &mut search.closed)?;
         let open = test_slots(&mut search.pool, &minimal, Fits::ForComparison)
             .into_iter()
-            .map(|case| case.slot.effects())
-            .find(|ids| !ids.is_empty() && !ablated.contains(ids));
+            .map(|case| (case.merit_without(&search.pool), case.slot.effects()))
+            .filter(|(_, ids)| !ids.is_empty() && !ablated.contains(ids))
+            // What is furthest behind without it is soon decided, and the rest of the budget is for the others.
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, ids)| ids);
         let Some(ids) = open.filter(|_| !search.stopped && !search.untested) else {
             return Ok(minimal);
         };

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::identification::finer_hysteresis::structure_beside_a_gain;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::LoopsTried;
+use hysteron_sim::effect::{LoopsTried, Parameter};
 use std::collections::BTreeSet;
 
 /// The model without an effect, fitted again.
@@ -42,25 +42,27 @@ pub fn close(pool: &mut Pool, done: &mut BTreeSet<String>) -> Result<Vec<String>
         let Some(key) = open.into_iter().next().filter(|_| !spent) else {
             return Ok(minimal);
         };
-        close_around(pool, &key)?;
-        done.insert(key);
+        if close_around(pool, &key)? {
+            done.insert(key);
+        }
     }
 }
 
-/// Tries single moves around a model of a pool.
+/// Tries single moves around a model of a pool; whether the budget lasted for all of them.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
+pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<bool> {
     let entry = pool.entries[key].clone();
     let study = pool.study;
     if entry.held {
-        return Ok(());
+        return Ok(true);
     }
     study
         .watch
         .event(&WatchEvent::Doing("trying what else could do"));
-    let dropped = drop_each(study, &entry, &entry.added());
+    let ids = entry.added();
+    let dropped = drop_each(study, &entry, &ids);
     let tried = exchange_each(study, &entry, &dropped)?;
     let instead_of_two = exchange_pairs(study, &entry)?;
     let finer: Vec<Entry> = dropped
@@ -68,7 +70,7 @@ pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
         .filter(|d| d.near)
         .flat_map(|d| finer_than(study, &d.entry))
         .collect();
-    let other_loops = with_other_loops(pool, &entry, &tried);
+    let other_loops = with_other_loops(pool, &entry, &ids, &tried);
     let dropped = dropped.into_iter().map(|d| d.entry);
     dropped
         .chain(finer)
@@ -76,17 +78,21 @@ pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
         .chain(other_loops)
         .chain(instead_of_two)
         .for_each(|entry| pool.keep(entry));
-    Ok(())
+    Ok(!study.budget.is_over())
 }
 
-/// Tries others in the place of these effects of a model, as around a model that is closed.
+/// Tries others in the place of these effects of a model, and where these are loops, those of other structures.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
 pub(super) fn exchange(pool: &mut Pool, entry: &Entry, ids: &[String]) -> Result<()> {
     let dropped = drop_each(pool.study, entry, ids);
     let tried = exchange_each(pool.study, entry, &dropped)?;
-    tried.into_iter().for_each(|entry| pool.keep(entry));
+    let other_loops = with_other_loops(pool, entry, ids, &tried);
+    tried
+        .into_iter()
+        .chain(other_loops)
+        .for_each(|entry| pool.keep(entry));
     Ok(())
 }
 
@@ -184,18 +190,19 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
     Ok(fitted)
 }
 
-/// Loops of the other structures, in the place of those of a model or of those that took an effect's place:
-/// surfaces are scored for all of them.
-fn with_other_loops(pool: &Pool, entry: &Entry, tried: &[Entry]) -> Vec<Entry> {
+/// Loops of the other structures, in the place of those of a model where these are to leave, or of those that
+/// took the place of what leaves: surfaces are scored for all of them.
+fn with_other_loops(pool: &Pool, entry: &Entry, leaving: &[String], tried: &[Entry]) -> Vec<Entry> {
     let study = pool.study;
-    let has_added_loops = |e: &&Entry| {
+    let added_loops = |e: &Entry| {
         let loops = structure_beside_a_gain(&e.judged.model);
-        loops.is_some_and(|id| e.moves.contains(&Move::Added(id)))
+        loops.filter(|id| e.moves.contains(&Move::Added(id.clone())))
     };
-    let mut bases: Vec<&Entry> = std::iter::once(entry).filter(has_added_loops).collect();
-    if bases.is_empty() {
-        bases = tried.iter().filter(has_added_loops).collect();
-    }
+    let bases: Vec<&Entry> = match added_loops(entry) {
+        Some(loops) if leaving.contains(&loops) => vec![entry],
+        Some(_) => Vec::new(),
+        None => tried.iter().filter(|e| added_loops(e).is_some()).collect(),
+    };
     let begun: Vec<(String, Vec<Move>, Model)> = bases
         .into_iter()
         .flat_map(|base| pool.with_other_structures(base, LoopsTried::AtFirst))
@@ -226,18 +233,30 @@ fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Candida
 /// An effect at the values of another of the same law, as lags in front of a mode and behind it are.
 fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> Option<Model> {
     let instance = entry.judged.model.effect(id)?;
-    let names = |effect: &dyn hysteron_sim::effect::Effect| {
-        effect
-            .parameters(&study.overview)
-            .into_iter()
-            .map(|p| p.name)
-            .collect::<Vec<_>>()
-    };
-    let same = names(instance.effect.as_ref()) == names(score.effect.as_ref());
-    same.then(|| {
+    let own: Vec<Parameter> = instance
+        .parameters
+        .iter()
+        .map(|p| p.parameter.clone())
+        .collect();
+    let others = score.effect.parameters(&study.overview);
+    let is_same = own.len() == others.len()
+        && own
+            .iter()
+            .zip(&others)
+            .all(|(own, other)| own.quantity().0 == other.quantity().0);
+    is_same.then(|| {
+        let in_its_units = |(value, (own, other)): (&f64, (&Parameter, &Parameter))| {
+            value * (own.quantity().1 / other.quantity().1)
+        };
+        let values = instance.values();
+        let values = values
+            .iter()
+            .zip(own.iter().zip(&others))
+            .map(in_its_units)
+            .collect();
         study.with(
             &study.without(&entry.judged.model, id),
-            &[(score.effect.clone(), instance.values())],
+            &[(score.effect.clone(), values)],
         )
     })
 }

@@ -196,6 +196,14 @@ pub struct Tested {
     as_good: Vec<String>,
 }
 
+impl Tested {
+    /// The merit of the best model without any of the slot.
+    #[must_use]
+    pub fn merit_without(&self, pool: &Pool) -> f64 {
+        pool.entries[&self.without].merit
+    }
+}
+
 /// Tests each slot of the simplest kept models. Put in the place of a slot's own effect in the best of them,
 /// everything else the same, another effect is an alternative if the data do not reject the model that comes
 /// of it. The slot is tested again without all its alternatives. Where a model without the slot is not

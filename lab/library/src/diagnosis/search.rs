@@ -38,7 +38,7 @@ pub struct Search<'s, 'a> {
     pub closed: BTreeSet<String>,
     /// Effects of the model that it begins at.
     start: Vec<String>,
-    /// Additions that did much worse than what they extend, by name.
+    /// What did much worse than what it extends, or stands in the place of, by name.
     hopeless: BTreeSet<String>,
     /// Loops of structures that take long were tried.
     slow_loops_tried: bool,
@@ -59,6 +59,8 @@ pub struct Search<'s, 'a> {
 /// A model that is worth fitting.
 struct Proposal {
     key: String,
+    /// What is not tried again where it is hopeless: these additions, or this structure of the loops.
+    name: String,
     moves: Vec<Move>,
     begin: Model,
     /// Effects that begin in it.
@@ -173,10 +175,12 @@ impl<'s, 'a> Search<'s, 'a> {
     fn look_around(&mut self) -> Result<bool> {
         let best = self.pool.best();
         let key = key(&best.moves, &best.judged.model);
-        if self.study.met(&best.judged) || !self.closed.insert(key.clone()) {
+        if self.study.met(&best.judged) || self.closed.contains(&key) {
             return Ok(false);
         }
-        close_around(&mut self.pool, &key)?;
+        if close_around(&mut self.pool, &key)? {
+            self.closed.insert(key);
+        }
         if !std::mem::replace(&mut self.fitted_each, true) {
             self.fit_each_beside_start()?;
         }
@@ -311,7 +315,7 @@ impl<'s, 'a> Search<'s, 'a> {
         });
         for (proposal, judged) in proposals.iter().zip(fitted) {
             if self.study.merit(&judged) > proposal.of + self.study.policy.hopeless {
-                self.hopeless.insert(names(&proposal.moves));
+                self.hopeless.insert(proposal.name.clone());
             }
             self.pool.keep(Entry::new(
                 self.study,
@@ -332,10 +336,12 @@ impl<'s, 'a> Search<'s, 'a> {
             let before: Vec<String> = out.iter().map(|p| p.key.clone()).collect();
             for (key, moves, begin) in self.pool.with_other_structures(entry, at) {
                 let may_have = !self.without.iter().any(|id| begin.effect(id).is_some());
-                if may_have && !before.contains(&key) {
+                let name = structure(&begin).unwrap_or_default();
+                if may_have && !before.contains(&key) && !self.hopeless.contains(&name) {
                     let of = entry.merit + self.study.policy.loops_come_near;
                     out.push(Proposal {
                         key,
+                        name,
                         moves,
                         begin,
                         begun: Vec::new(),
@@ -530,11 +536,13 @@ impl<'s, 'a> Search<'s, 'a> {
         let key = key(&moves, &begin);
         // A set that is known from another side is only tried again from a second initial guess in the same
         // round.
-        let hopeless = !scores.is_empty() && self.hopeless.contains(&names(&moves));
+        let name = names(&moves);
+        let hopeless = !scores.is_empty() && self.hopeless.contains(&name);
         if !self.pool.entries.contains_key(&key) && !hopeless {
             let begun = scores.iter().map(|s| s.id.clone()).collect();
             out.push(Proposal {
                 key,
+                name,
                 moves,
                 begin,
                 begun,
