@@ -392,7 +392,9 @@ fn identify_structure(
     outputs.check(&desk)?;
     let progress = Progress::start();
     let model = time.beside(&progress, |watch| identify(&data, from, structure, watch))?;
+    let stopped = progress.stopped();
     drop(progress);
+    say_stopped(stopped);
     let figures = IdentifiedFigures {
         name: data.name.clone(),
         parameters: model.parameters(),

@@ -110,7 +110,7 @@ fn moves_in(entry: &Entry, model: &Model, by: Option<&str>) -> Vec<Move> {
 
 /// The model without each of these effects.
 fn drop_each(study: &Study, entry: &Entry, leaving: &[String]) -> Vec<Dropped> {
-    study.while_it_lasts(leaving, |id| {
+    study.budget.while_it_lasts(leaving, |id| {
         let quick = study.quickly_within(
             &study.without(&entry.judged.model, id),
             entry.merit,
@@ -143,7 +143,7 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
         .chain(study.finer_plays(model))
         .chain(study.finer_creep(model))
         .collect();
-    let fitted = study.while_it_lasts(&finer, |begin| {
+    let fitted = study.budget.while_it_lasts(&finer, |begin| {
         study.quickly_within(begin, without.merit, FAR_BEHIND)
     });
     fitted
@@ -155,7 +155,7 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
 /// Others that do much the same in the place of each effect. Where held-out records are not met, what loops
 /// take in of a lag shows there only, and others are compared on all records.
 fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Vec<Entry>> {
-    let screenings = study.while_it_lasts(dropped, |d| {
+    let screenings = study.budget.while_it_lasts(dropped, |d| {
         let model = &d.entry.judged.model;
         let candidates = study.candidates_for(model);
         if study.leaves_values_open(&d.entry.judged) {
@@ -178,7 +178,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
         let tried = others.enumerate().filter(is_tried);
         trials.extend(tried.map(|(_, s)| (d, s)));
     }
-    let fitted = study.while_it_lasts(&trials, |(d, score)| {
+    let fitted = study.budget.while_it_lasts(&trials, |(d, score)| {
         let judged = in_its_place(study, entry, d, score);
         Entry::new(
             study,
@@ -207,7 +207,7 @@ fn with_other_loops(pool: &Pool, entry: &Entry, leaving: &[String], tried: &[Ent
         .into_iter()
         .flat_map(|base| pool.with_other_structures(base, LoopsTried::AtFirst))
         .collect();
-    study.while_it_lasts(&begun, |(_, moves, begin)| {
+    study.budget.while_it_lasts(&begun, |(_, moves, begin)| {
         let judged = study.quickly_within(begin, entry.merit, FAR_BEHIND);
         Entry::new(study, moves.clone(), judged, false)
     })
@@ -233,26 +233,17 @@ fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Candida
 /// An effect at the values of another of the same law, as lags in front of a mode and behind it are.
 fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> Option<Model> {
     let instance = entry.judged.model.effect(id)?;
-    let own: Vec<Parameter> = instance
+    let others = score.effect.parameters(&study.overview);
+    let quantities = instance
         .parameters
         .iter()
-        .map(|p| p.parameter.clone())
-        .collect();
-    let others = score.effect.parameters(&study.overview);
-    let is_same = own.len() == others.len()
-        && own
-            .iter()
-            .zip(&others)
-            .all(|(own, other)| own.quantity().0 == other.quantity().0);
+        .map(|own| (own, own.parameter.quantity()));
+    let both = quantities.zip(others.iter().map(Parameter::quantity));
+    let is_same = instance.parameters.len() == others.len()
+        && both.clone().all(|((_, (own, _)), (other, _))| own == other);
     is_same.then(|| {
-        let in_its_units = |(value, (own, other)): (&f64, (&Parameter, &Parameter))| {
-            value * (own.quantity().1 / other.quantity().1)
-        };
-        let values = instance.values();
-        let values = values
-            .iter()
-            .zip(own.iter().zip(&others))
-            .map(in_its_units)
+        let values = both
+            .map(|((own, (_, unit)), (_, other))| own.value * (unit / other))
             .collect();
         study.with(
             &study.without(&entry.judged.model, id),
@@ -273,10 +264,10 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
         .enumerate()
         .flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b]))
         .collect();
-    let without = study.while_it_lasts(&pairs, |[a, b]| {
+    let without = study.budget.while_it_lasts(&pairs, |[a, b]| {
         study.quickly(&study.without(&study.without(&entry.judged.model, a), b))
     });
-    let scored = study.while_it_lasts(&without, |judged| {
+    let scored = study.budget.while_it_lasts(&without, |judged| {
         study.score_each(&judged.model, &study.candidates_for(&judged.model))
     });
     let mut promising: Vec<(f64, &Judged, CandidateScore)> = Vec::new();
@@ -294,22 +285,24 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     }
     promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.2.id.cmp(&b.2.id)));
     promising.truncate(study.policy.rivals);
-    let fitted = study.while_it_lasts(&promising, |(_, judged, score)| {
-        let begin = study.with(
-            &judged.model,
-            &[(score.effect.clone(), score.starts[0].clone())],
-        );
-        let mut one = study.quickly(&begin);
-        if study.merit(&one) < entry.merit + study.policy.in_contention {
-            // The values of the others are still those that made up for it.
-            one = study.begun_again(&study.for_comparison(&one.model))?;
-        }
-        Ok(Entry::new(
-            study,
-            moves_in(entry, &one.model, Some(&score.id)),
-            one,
-            false,
-        ))
-    });
+    let fitted = study
+        .budget
+        .while_it_lasts(&promising, |(_, judged, score)| {
+            let begin = study.with(
+                &judged.model,
+                &[(score.effect.clone(), score.starts[0].clone())],
+            );
+            let mut one = study.quickly(&begin);
+            if study.merit(&one) < entry.merit + study.policy.in_contention {
+                // The values of the others are still those that made up for it.
+                one = study.begun_again(&study.for_comparison(&one.model))?;
+            }
+            Ok(Entry::new(
+                study,
+                moves_in(entry, &one.model, Some(&score.id)),
+                one,
+                false,
+            ))
+        });
     fitted.into_iter().collect()
 }

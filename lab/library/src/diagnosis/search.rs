@@ -205,7 +205,7 @@ impl<'s, 'a> Search<'s, 'a> {
             let moves = with(effect);
             self.pool.entries.values().all(|known| known.moves != moves)
         });
-        let fitted = study.while_it_lasts(&untried, |effect| {
+        let fitted = study.budget.while_it_lasts(&untried, |effect| {
             let id = effect.declaration().id;
             let (begin, alone) =
                 study.found_alone(model, effect, study.policy.guesses, start.merit)?;
@@ -310,7 +310,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Fits proposals, the most promising of each kind first, until the budget ends.
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        let fitted = self.study.while_it_lasts(&proposals, |p| {
+        let fitted = self.study.budget.while_it_lasts(&proposals, |p| {
             self.study.quickly_beside(&p.begin, &p.begun, p.of)
         });
         for (proposal, judged) in proposals.iter().zip(fitted) {

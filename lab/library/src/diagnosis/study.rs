@@ -516,15 +516,6 @@ impl<'a> Study<'a> {
         )
     }
 
-    /// What `f` makes of items, a few at once, until the budget ends.
-    pub fn while_it_lasts<T: Sync, R: Send + Sync>(
-        &self,
-        items: &[T],
-        f: impl Fn(&T) -> R + Sync + Send,
-    ) -> Vec<R> {
-        self.budget.while_it_lasts(items, f)
-    }
-
     /// Judges a model as it is on all samples.
     #[must_use]
     pub fn judged(&self, model: Model) -> Judged {

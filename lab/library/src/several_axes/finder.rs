@@ -143,7 +143,7 @@ pub fn find(
     watch: &dyn Watch,
 ) -> AxesFound {
     let budget = Budget::of_time(watch);
-    let problem = Problem::new(data, budget.clone());
+    let problem = Problem::new(data).within(budget.clone());
     let search = Search {
         problem: &problem,
         policy,

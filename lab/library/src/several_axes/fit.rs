@@ -7,6 +7,7 @@ use crate::diagnosis::budget::Budget;
 use crate::least_squares::{self, refined};
 use crate::parallel;
 use crate::statistics::rms_about_mean;
+use crate::watch::Unwatched;
 use hysteron_sim::several_axes::{Held, ModalStage};
 use nalgebra::{DMatrix, DVector};
 
@@ -15,7 +16,7 @@ pub(super) struct Problem<'d> {
     pub(super) data: &'d AxesData,
     pub(super) scales: Scales,
     /// How long its fits may go on.
-    pub(super) budget: Budget<'d>,
+    budget: Budget<'d>,
     /// For each record and sensor: one over its noise, or over its RMS where a record does not show the
     /// noise.
     weights: Vec<Vec<f64>>,
@@ -50,39 +51,40 @@ fn slices<T>(signals: &[Vec<T>]) -> Vec<&[T]> {
 
 impl<'d> Problem<'d> {
     /// Records that are explained down to their noise.
-    pub(super) fn new(data: &'d AxesData, budget: Budget<'d>) -> Self {
+    pub(super) fn new(data: &'d AxesData) -> Self {
         let scales = Scales::from_data(data);
         let noise_known = data.records.iter().all(|record| record.noise.is_some());
         let weight = |record: &AxesRecord, i: usize| match (&record.noise, noise_known) {
             (Some(noise), true) => 1.0 / noise[i].max(NOISE_LEAST * scales.reading_rms[i]),
             _ => 1.0 / scales.reading_rms[i],
         };
-        Self::weighted(data, budget, weight)
+        Self::weighted(data, weight)
     }
 
     /// Records of which a model explains the same share at every level, if their noise is below it.
-    pub(super) fn with_model_error(data: &'d AxesData, budget: Budget<'d>) -> Self {
+    pub(super) fn with_model_error(data: &'d AxesData) -> Self {
         let weight = |record: &AxesRecord, i: usize| {
             let rms = rms_about_mean(&record.readings[i][record.counted_from..record.counted_to]);
             let noise = record.noise.as_ref().map_or(0.0, |noise| noise[i]);
             1.0 / (MODEL_ERROR * rms).hypot(noise).max(f64::MIN_POSITIVE)
         };
-        Self::weighted(data, budget, weight)
+        Self::weighted(data, weight)
     }
 
-    fn weighted(
-        data: &'d AxesData,
-        budget: Budget<'d>,
-        weight: impl Fn(&AxesRecord, usize) -> f64,
-    ) -> Self {
+    fn weighted(data: &'d AxesData, weight: impl Fn(&AxesRecord, usize) -> f64) -> Self {
         let of_record = |record| (0..data.sensors.len()).map(|i| weight(record, i)).collect();
         Self {
             data,
             weights: data.records.iter().map(of_record).collect(),
             noise_known: data.records.iter().all(|record| record.noise.is_some()),
             scales: Scales::from_data(data),
-            budget,
+            budget: Budget::of_time(&Unwatched),
         }
+    }
+
+    /// Fits within a budget.
+    pub(super) fn within(self, budget: Budget<'d>) -> Self {
+        Self { budget, ..self }
     }
 
     pub(super) fn simulate(&self, stage: &ModalStage) -> Signals {

@@ -13,7 +13,7 @@ use crate::diagnosis::budget::Budget;
 use crate::error::Result;
 use crate::identification::work::Stage;
 use crate::statistics::rms_about_mean;
-use crate::watch::{Unwatched, Watch};
+use crate::watch::Watch;
 use serde::Serialize;
 
 /// What a model is to consist of.
@@ -56,7 +56,7 @@ pub fn identify(
 ) -> Result<Described> {
     let budget = Budget::of_time(watch);
     budget.work.enter(Stage::Report);
-    let problem = Problem::with_model_error(data, budget.clone());
+    let problem = Problem::with_model_error(data).within(budget.clone());
     let is_over = || budget.is_stopped() || budget.is_over();
     let refined = |mut model: Described| -> Described {
         let mut cost = problem.cost(&model.stage, Role::Identify);
@@ -101,7 +101,7 @@ pub fn identify(
 /// The errors of a model on all records.
 #[must_use]
 pub fn record_errors(data: &AxesData, model: &Described) -> Vec<RecordError> {
-    let problem = Problem::new(data, Budget::of_time(&Unwatched));
+    let problem = Problem::new(data);
     let of_record = |n: usize| {
         let record = &data.records[n];
         let counted = record.counted_from..record.counted_to;

@@ -204,7 +204,7 @@ fn sentence(found: &AxesFound, data: &AxesData) -> String {
         );
     }
     if found.ended_early {
-        return format!("{fall}. It found no end: more may be missing");
+        return format!("{fall}. It did not come to its end: more may be missing");
     }
     if !found.in_times_the_noise {
         return format!("{fall}. Nothing shows the noise: record five periods or more");

@@ -4,10 +4,8 @@ use super::fit::Problem;
 use super::recordings::AxesData;
 use super::structure::Described;
 use crate::dataset::Role;
-use crate::diagnosis::budget::Budget;
 use crate::spectrum;
 use crate::statistics::mean;
-use crate::watch::Unwatched;
 use nalgebra::{Complex, DMatrix};
 use realfft::RealFftPlanner;
 
@@ -60,7 +58,7 @@ pub(super) fn estimated_responses(
     model: &Described,
     roles: &[Role],
 ) -> Vec<LineResponse> {
-    let problem = Problem::new(data, Budget::of_time(&Unwatched));
+    let problem = Problem::new(data);
     let (drives, sensors) = (data.drives.len(), data.sensors.len());
     let mut planner = RealFftPlanner::new();
     let rate_hz = data.records[0].sample_rate_hz;
