@@ -3,8 +3,8 @@
 //! the place of an effect is in the pool before anything is named.
 
 use super::judgement::Judged;
-use super::pool::{Entry, Move, Pool};
-use super::screening::{CandidateScore, Screening};
+use super::pool::{Entry, Move, Pool, key};
+use super::screening::CandidateScore;
 use super::selection::select;
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
@@ -15,7 +15,7 @@ use hysteron_sim::effect::{LoopsTried, Parameter};
 use std::collections::BTreeSet;
 
 /// The model without an effect, fitted again.
-struct Dropped {
+pub(super) struct Dropped {
     id: String,
     entry: Entry,
     /// Its merit is no further than this from that of the model with the effect.
@@ -42,58 +42,68 @@ pub fn close(pool: &mut Pool, done: &mut BTreeSet<String>) -> Result<Vec<String>
         let Some(key) = open.into_iter().next().filter(|_| !spent) else {
             return Ok(minimal);
         };
-        if close_around(pool, &key)? {
-            done.insert(key);
-        }
+        close_around(pool, &key)?;
+        done.insert(key);
     }
 }
 
-/// Tries single moves around a model of a pool; whether the budget lasted for all of them.
+/// Tries single moves around a model of a pool.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<bool> {
+pub(super) fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     let entry = pool.entries[key].clone();
     let study = pool.study;
     if entry.held {
-        return Ok(true);
+        return Ok(());
     }
     study
         .watch
         .event(&WatchEvent::Doing("trying what else could do"));
-    let ids = entry.added();
-    let dropped = drop_each(study, &entry, &ids);
-    let tried = exchange_each(study, &entry, &dropped)?;
+    let dropped = exchange(pool, &entry, &entry.added())?;
     let instead_of_two = exchange_pairs(study, &entry)?;
     let finer: Vec<Entry> = dropped
         .iter()
         .filter(|d| d.near)
         .flat_map(|d| finer_than(study, &d.entry))
         .collect();
-    let other_loops = with_other_loops(pool, &entry, &ids, &tried);
     let dropped = dropped.into_iter().map(|d| d.entry);
     dropped
         .chain(finer)
-        .chain(tried)
-        .chain(other_loops)
         .chain(instead_of_two)
         .for_each(|entry| pool.keep(entry));
-    Ok(!study.budget.is_over())
+    Ok(())
 }
 
-/// Tries others in the place of these effects of a model, and where these are loops, those of other structures.
+/// Tries others in the place of these effects of a model, and where these are loops, those of other structures:
+/// one effect after the other to its end, so that what the budget does not reach may come later. The model
+/// without each.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub(super) fn exchange(pool: &mut Pool, entry: &Entry, ids: &[String]) -> Result<()> {
-    let dropped = drop_each(pool.study, entry, ids);
-    let tried = exchange_each(pool.study, entry, &dropped)?;
-    let other_loops = with_other_loops(pool, entry, ids, &tried);
-    tried
-        .into_iter()
-        .chain(other_loops)
-        .for_each(|entry| pool.keep(entry));
-    Ok(())
+pub(super) fn exchange(pool: &mut Pool, entry: &Entry, ids: &[String]) -> Result<Vec<Dropped>> {
+    let study = pool.study;
+    let dropped = drop_each(study, entry, ids);
+    for leaving in &dropped {
+        if study.budget.is_over() {
+            break;
+        }
+        let tried = in_the_place_of(study, entry, leaving)?;
+        let other_loops = with_other_loops(pool, entry, &leaving.id, &tried);
+        tried
+            .into_iter()
+            .chain(other_loops)
+            .for_each(|entry| pool.keep(entry));
+        if !study.budget.is_over() {
+            pool.exchanged.insert(exchange_of(entry, &leaving.id));
+        }
+    }
+    Ok(dropped)
+}
+
+/// What the exchange of an effect of a model is known by.
+pub(super) fn exchange_of(entry: &Entry, id: &str) -> (String, String) {
+    (key(&entry.moves, &entry.judged.model), id.to_owned())
 }
 
 /// The moves without those whose effect is gone from a model.
@@ -152,54 +162,48 @@ fn finer_than(study: &Study, without: &Entry) -> Vec<Entry> {
         .collect()
 }
 
-/// Others that do much the same in the place of each effect. Where held-out records are not met, what loops
-/// take in of a lag shows there only, and others are compared on all records.
-fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Vec<Entry>> {
-    let screenings = study.budget.while_it_lasts(dropped, |d| {
-        let model = &d.entry.judged.model;
-        let candidates = study.candidates_for(model);
-        if study.leaves_values_open(&d.entry.judged) {
-            let [_, on_all] = study.score_on_fitted_and_all(model, &candidates)?;
-            return Ok(on_all);
-        }
-        study.score_each(model, &candidates)
-    });
-    let screenings: Vec<Screening> = screenings.into_iter().collect::<Result<_>>()?;
-    let mut trials: Vec<(&Dropped, &CandidateScore)> = Vec::new();
-    for (d, screening) in dropped.iter().zip(&screenings) {
-        let doing_as = screening.doing_as(&d.id, study.policy.rival, study.policy.rival_similarity);
-        let others = doing_as
-            .into_iter()
-            .filter(|s| entry.judged.model.effect(&s.id).is_none());
-        // One law at another place of the chain is tried, however many others come before it.
-        let is_tried = |(place, s): &(usize, &CandidateScore)| {
-            *place < study.policy.rivals || same_law(study, entry, &d.id, s).is_some()
-        };
-        let tried = others.enumerate().filter(is_tried);
-        trials.extend(tried.map(|(_, s)| (d, s)));
-    }
-    let fitted = study.budget.while_it_lasts(&trials, |(d, score)| {
-        let judged = in_its_place(study, entry, d, score);
-        Entry::new(
-            study,
-            moves_in(&d.entry, &judged.model, Some(&score.id)),
-            judged,
-            false,
-        )
-    });
-    Ok(fitted)
+/// Others that do much the same in the place of an effect. Where held-out records are not met, what loops take
+/// in of a lag shows there only, and others are compared on all records.
+fn in_the_place_of(study: &Study, entry: &Entry, leaving: &Dropped) -> Result<Vec<Entry>> {
+    let model = &leaving.entry.judged.model;
+    let candidates = study.candidates_for(model);
+    let screening = if study.leaves_values_open(&leaving.entry.judged) {
+        let [_, on_all] = study.score_on_fitted_and_all(model, &candidates)?;
+        on_all
+    } else {
+        study.score_each(model, &candidates)?
+    };
+    let policy = &study.policy;
+    let doing_as = screening.doing_as(&leaving.id, policy.rival, policy.rival_similarity);
+    let others = doing_as
+        .into_iter()
+        .filter(|s| entry.judged.model.effect(&s.id).is_none());
+    // One law at another place of the chain is tried, however many others come before it.
+    let is_tried = |(place, s): &(usize, &CandidateScore)| {
+        *place < policy.rivals || same_law(study, entry, &leaving.id, s).is_some()
+    };
+    let trials: Vec<&CandidateScore> = others
+        .enumerate()
+        .filter(is_tried)
+        .map(|(_, s)| s)
+        .collect();
+    Ok(study.budget.while_it_lasts(&trials, |score| {
+        let judged = in_its_place(study, entry, leaving, score);
+        let moves = moves_in(&leaving.entry, &judged.model, Some(&score.id));
+        Entry::new(study, moves, judged, false)
+    }))
 }
 
-/// Loops of the other structures, in the place of those of a model where these are to leave, or of those that
-/// took the place of what leaves: surfaces are scored for all of them.
-fn with_other_loops(pool: &Pool, entry: &Entry, leaving: &[String], tried: &[Entry]) -> Vec<Entry> {
+/// Loops of the other structures, in the place of those of a model where these leave, or of those that took the
+/// place of what leaves: surfaces are scored for all of them.
+fn with_other_loops(pool: &Pool, entry: &Entry, leaving: &str, tried: &[Entry]) -> Vec<Entry> {
     let study = pool.study;
     let added_loops = |e: &Entry| {
         let loops = structure_beside_a_gain(&e.judged.model);
         loops.filter(|id| e.moves.contains(&Move::Added(id.clone())))
     };
     let bases: Vec<&Entry> = match added_loops(entry) {
-        Some(loops) if leaving.contains(&loops) => vec![entry],
+        Some(loops) if loops == leaving => vec![entry],
         Some(_) => Vec::new(),
         None => tried.iter().filter(|e| added_loops(e).is_some()).collect(),
     };

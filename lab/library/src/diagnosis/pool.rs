@@ -8,7 +8,7 @@ use crate::parallel;
 use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{LoopsTried, gain};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What distinguishes a model from the start.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -127,6 +127,8 @@ pub struct Pool<'s, 'a> {
     pub(crate) entries: BTreeMap<String, Entry>,
     /// Moves that lead to where the search begins: none, but behind a prior model.
     pub(crate) origin: Vec<Move>,
+    /// Effects of models in whose place others were tried to the end.
+    pub(super) exchanged: BTreeSet<(String, String)>,
 }
 
 /// Moves and descriptions of loops and creep: what an entry is known by.
@@ -157,6 +159,7 @@ impl<'s, 'a> Pool<'s, 'a> {
             study,
             entries: BTreeMap::from([(key(&[], start), entry)]),
             origin: Vec::new(),
+            exchanged: BTreeSet::new(),
         }
     }
 

@@ -13,7 +13,7 @@
 //! best model, and each kind that comes near the best has a beam of its own. A structure that takes long comes
 //! once and far above the noise only, when there are loops or nothing else helps.
 
-use super::closure::{close_around, exchange};
+use super::closure::{close_around, exchange, exchange_of};
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{CandidateScore, Screening};
@@ -175,12 +175,10 @@ impl<'s, 'a> Search<'s, 'a> {
     fn look_around(&mut self) -> Result<bool> {
         let best = self.pool.best();
         let key = key(&best.moves, &best.judged.model);
-        if self.study.met(&best.judged) || self.closed.contains(&key) {
+        if self.study.met(&best.judged) || !self.closed.insert(key.clone()) {
             return Ok(false);
         }
-        if close_around(&mut self.pool, &key)? {
-            self.closed.insert(key);
-        }
+        close_around(&mut self.pool, &key)?;
         if !std::mem::replace(&mut self.fitted_each, true) {
             self.fit_each_beside_start()?;
         }
@@ -234,9 +232,12 @@ impl<'s, 'a> Search<'s, 'a> {
         let of = self.pool.best().merit;
         let less = |model: Model, id: &String| study.without(&model, id);
         let begin = ids.iter().fold(from.judged.model.clone(), less);
-        if !from.held && !self.closed.contains(&key(&from.moves, &from.judged.model)) {
-            let added = |id: &&String| from.moves.contains(&Move::Added((*id).clone()));
-            let its: Vec<String> = ids.iter().filter(added).cloned().collect();
+        let is_open = |id: &&String| {
+            from.moves.contains(&Move::Added((*id).clone()))
+                && !self.pool.exchanged.contains(&exchange_of(from, id))
+        };
+        let its: Vec<String> = ids.iter().filter(is_open).cloned().collect();
+        if !from.held && !its.is_empty() {
             exchange(&mut self.pool, from, &its)?;
         }
         let judged = study.quickly_within(&begin, of, FAR_BEHIND);
