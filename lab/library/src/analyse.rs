@@ -7,7 +7,6 @@ mod growth_of_a_prior_model;
 
 use crate::dataset::Dataset;
 use crate::dataset::issue::{Issue, Severity};
-use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::findings::Weighed;
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
@@ -21,6 +20,7 @@ use crate::diagnosis::study::Study;
 use crate::diagnosis::words;
 use crate::error::Result;
 use crate::figures::{FitFigures, fit_figures, step_figures};
+use crate::identification::budget::SEARCH_ENDS_AT;
 use crate::identification::finer_hysteresis::structure_beside_a_gain;
 use crate::identification::fit::{Effort, fit_rows};
 use crate::identification::identifiability::{CannotIdentify, identifiability};

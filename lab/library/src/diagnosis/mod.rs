@@ -14,7 +14,6 @@
 //!   it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
-pub mod budget;
 pub mod closure;
 pub mod confidence_set;
 pub mod findings;

@@ -1,13 +1,13 @@
 //! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun
 //! again, fitted.
 
-use super::budget::Budget;
 use super::judgement::{Judged, Split, judge_fit, judge_rows};
 use super::policy::Policy;
 use super::screening::{CandidateScore, Screening, Weighing, screen, screen_some_and_all};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
+use crate::identification::budget::Budget;
 use crate::identification::fit::{Effort, Fit, FitProgress, fit_rows, fit_while, rms};
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;

@@ -1,6 +1,5 @@
 //! What was found, in words: the one place where typed results become sentences.
 
-use super::budget::Budget;
 use super::findings::unlikely;
 use super::judgement::Judged;
 use super::path::ModelChange;
@@ -12,6 +11,7 @@ use crate::dataset::issue_words;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::dataset::{Dataset, Role};
 use crate::engineering::read_by_name;
+use crate::identification::budget::Budget;
 use crate::identification::fit::rms_over;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};

@@ -5,11 +5,12 @@
 //!   record has of its own;
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
-//! * [`work`]: what all of these simulate, counted;
+//! * [`work`]: what all of these simulate, counted; [`budget`]: where it ends;
 //! * [`noise_floor`]: what remains random, and on which evidence;
 //! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a
 //!   coarse description cannot pose as a missing effect.
 
+pub mod budget;
 pub mod finer_creep;
 pub mod finer_hysteresis;
 pub mod finer_plays;

@@ -9,10 +9,10 @@
 
 use super::fit::{RigFit, RigValues};
 use super::recordings::{RigData, RigResiduals};
-use crate::diagnosis::budget::SEARCH_ENDS_AT;
 use crate::diagnosis::confidence_set::{Fate, Losses, confidence_set};
 use crate::diagnosis::policy::Policy;
 use crate::error::{Error, Result};
+use crate::identification::budget::SEARCH_ENDS_AT;
 use crate::parallel;
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::rig_effects::RIG_EFFECTS;

@@ -11,7 +11,7 @@ use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
-use crate::diagnosis::budget::Budget;
+use crate::identification::budget::Budget;
 use crate::identification::work::Stage;
 use crate::least_squares::Problem as _;
 use crate::least_squares::damped_solution;

@@ -3,7 +3,7 @@
 use super::recordings::{AxesData, AxesRecord};
 use super::structure::{Described, Free, Part, Scales};
 use crate::dataset::Role;
-use crate::diagnosis::budget::Budget;
+use crate::identification::budget::Budget;
 use crate::least_squares::{self, refined};
 use crate::parallel;
 use crate::statistics::rms_about_mean;

@@ -9,7 +9,7 @@ use super::modal_start::modal_start;
 use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
-use crate::diagnosis::budget::Budget;
+use crate::identification::budget::Budget;
 use crate::error::Result;
 use crate::identification::work::Stage;
 use crate::statistics::rms_about_mean;

@@ -1,7 +1,7 @@
 //! What a diagnosis may cost: steps of simulation, which end it at the same place on every machine, and below
 //! that the time that the caller gives.
 
-use crate::identification::work::{Stage, Work};
+use super::work::{Stage, Work};
 use crate::watch::{Watch, WatchEvent};
 
 /// What is done between two looks at the budget: enough for the cores of a desk.
