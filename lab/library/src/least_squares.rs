@@ -50,7 +50,10 @@ pub fn refined<P: Problem>(
             break;
         }
         let (columns, residual) = problem.linearised(&best);
-        let (gram, against) = (columns.tr_mul(&columns), columns.tr_mul(&residual));
+        let (gram, against) = (
+            transposed_times(&columns, &columns),
+            columns.tr_mul(&residual),
+        );
         let before = cost;
         for _ in 0..TRIALS {
             let Some(step) = damped_solution(&gram, &against, damping) else {
@@ -71,6 +74,25 @@ pub fn refined<P: Problem>(
         }
     }
     best
+}
+
+/// Rows of which products are taken at once: so many of two hundred columns stay in a cache.
+const ROWS_AT_ONCE: usize = 1024;
+
+/// `a^T b`, some rows after the others: quicker than products of whole columns by several times.
+#[must_use]
+pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut sum = DMatrix::zeros(a.ncols(), b.ncols());
+    for from in (0..a.nrows()).step_by(ROWS_AT_ONCE) {
+        let count = ROWS_AT_ONCE.min(a.nrows() - from);
+        sum.gemm(
+            1.0,
+            &a.rows(from, count).transpose(),
+            &b.rows(from, count),
+            1.0,
+        );
+    }
+    sum
 }
 
 /// The step that lowers the residual, with each number held back by its own scale.

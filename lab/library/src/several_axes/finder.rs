@@ -2,11 +2,13 @@
 //!
 //! Every candidate is an effect in a channel or mode. All are scored by the same rule: the fall of the
 //! error on held-out records. The linearised fall of all candidates decides which are fitted; the fitted
-//! fall decides which joins. When none lowers the error any more, every effect is taken out once, and
+//! fall decides which joins. Where a model of the measured responses has more effects than a search adds one
+//! by one, it begins with all of these (`all_responses`). When none lowers the error any more, every effect is taken out once, and
 //! everything else is tried in its place. An effect without which the error is no larger is removed. An
 //! effect that another one replaces as well is reported with an "or".
 
-use super::fit::{Problem, STRETCHES, Signals};
+use super::all_responses::{from_least_to_most_drive, responses_beyond};
+use super::fit::{Problem, STRETCHES, Signals, rms};
 use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
@@ -14,7 +16,7 @@ use crate::dataset::Role;
 use crate::identification::budget::Budget;
 use crate::identification::work::Stage;
 use crate::least_squares::Problem as _;
-use crate::least_squares::damped_solution;
+use crate::least_squares::{damped_solution, transposed_times};
 use crate::parallel;
 use crate::watch::{Watch, WatchEvent};
 use nalgebra::{DMatrix, DVector};
@@ -77,6 +79,8 @@ pub struct AxisFinding {
 pub struct AxesFound {
     /// The model.
     pub model: Described,
+    /// Modes of the measured responses that it began with, which are not tested.
+    pub modes_at_first: usize,
     /// How it grew.
     pub steps: Vec<Joined>,
     /// Its effects.
@@ -144,19 +148,24 @@ pub fn find(
 ) -> AxesFound {
     let budget = Budget::of_time(watch);
     let problem = Problem::new(data).within(budget.clone());
+    let responses =
+        responses_beyond(&problem, policy.effects_max).filter(|_| start.effects.is_empty());
+    let few = responses.is_some().then(|| from_least_to_most_drive(data));
+    let start = responses.as_ref().unwrap_or(start);
+    let raced = Problem::new(few.as_ref().unwrap_or(data)).within(budget.clone());
     let search = Search {
-        problem: &problem,
+        problem: &raced,
         policy,
         watch,
         budget: &budget,
     };
     budget.work.enter(Stage::Search);
-    let mut model = problem.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
+    let mut model = raced.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
     let given = model.effects.len();
-    let mut judged = problem.judged(&model.stage);
+    let mut judged = raced.judged(&model.stage);
     let mut steps = Vec::new();
     let mut ended_early = false;
-    while model.effects.len() < policy.effects_max && !search.at_the_noise(&judged) {
+    while model.effects.len() < given + policy.effects_max && !search.at_the_noise(&judged) {
         ended_early = search.is_over();
         if ended_early {
             break;
@@ -181,11 +190,16 @@ pub fn find(
         }
     }
     budget.work.enter(Stage::Closure);
-    model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
+    model = raced.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
     budget.work.enter(Stage::Ablation);
-    let (model, findings, untested) = search.question(model, given);
+    let (mut model, findings, untested) = search.question(model, given);
+    if few.is_some() {
+        budget.work.enter(Stage::Report);
+        model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
+    }
     let judged = problem.judged(&model.stage);
     AxesFound {
+        modes_at_first: responses.map_or(0, |model| model.stage.modes.len()),
         steps,
         findings,
         untested,
@@ -198,10 +212,6 @@ pub fn find(
         reading_rms: problem.scales.reading_rms.clone(),
         model,
     }
-}
-
-fn rms(judged: &[f64]) -> f64 {
-    (judged.iter().sum::<f64>() / judged.len().max(1) as f64).sqrt()
 }
 
 /// Share of all flips of signs that lower the sum of the differences no less. Stretches of several records at
@@ -343,7 +353,12 @@ impl Search<'_> {
                 continue;
             }
             let (mut findings, mut untested) = (Vec::new(), Vec::new());
-            for (n, effect) in effects.iter().enumerate() {
+            // What is missed most comes first: little does as well, and the budget may end.
+            let missed = |n: &usize| without.get(*n).map_or(0.0, |(_, without)| rms(without));
+            let mut order: Vec<usize> = (0..effects.len()).collect();
+            order.sort_by(|a, b| missed(b).total_cmp(&missed(a)));
+            for n in order {
+                let effect = &effects[n];
                 let named = effect.named(&model.stage, self.problem.data);
                 let tested = without.get(n).filter(|_| !self.is_over());
                 let instead = tested.map(|(fitted, without)| {
@@ -450,14 +465,23 @@ impl Search<'_> {
             }));
         }
         let signals = self.problem.simulate(&model.stage);
-        out.extend((0..drives).filter_map(|drive| {
+        for drive in 0..drives {
             let reach = self.problem.extension_reach(&model.stage, &signals, drive);
-            let effect = AxisEffect::ActuatorHysteresis { drive };
-            (reach > 0.0).then_some(Candidate {
+            let of_actuator = [
+                AxisEffect::ActuatorHysteresis { drive },
+                AxisEffect::ActuatorSoftening { drive },
+            ];
+            let candidate = |effect| Candidate {
                 effect,
                 guess: [reach, 0.0],
-            })
-        }));
+            };
+            out.extend(
+                of_actuator
+                    .map(candidate)
+                    .into_iter()
+                    .filter(|_| reach > 0.0),
+            );
+        }
         out.retain(|candidate| !model.effects.contains(&candidate.effect));
         out.extend(self.modes_in_the_residual(model, &signals));
         out
@@ -514,7 +538,7 @@ impl Search<'_> {
         let rows = problem.linearised(model, &roles);
         let signals = problem.simulate(&model.stage);
         let own = model.free();
-        let gram_of_own = rows[0].columns.tr_mul(&rows[0].columns);
+        let gram_of_own = transposed_times(&rows[0].columns, &rows[0].columns);
         let score = |candidate: &Candidate| -> Option<Scored> {
             if !problem.goes_on() {
                 return None;
@@ -527,6 +551,7 @@ impl Search<'_> {
                     Free::LogFrequency(_)
                         | Free::LogDamping(_)
                         | Free::LogFrictionBend(_)
+                        | Free::LogHalfAt(_)
                         | Free::Compliance(_)
                 )
             };
@@ -588,10 +613,11 @@ impl Linearised {
         let (p, c) = (own.ncols(), new.ncols());
         let mut gram = DMatrix::zeros(p + c, p + c);
         gram.view_mut((0, 0), (p, p)).copy_from(gram_of_own);
-        let across = own.tr_mul(new);
+        let across = transposed_times(own, new);
         gram.view_mut((0, p), (p, c)).copy_from(&across);
         gram.view_mut((p, 0), (c, p)).copy_from(&across.transpose());
-        gram.view_mut((p, p), (c, c)).copy_from(&new.tr_mul(new));
+        gram.view_mut((p, p), (c, c))
+            .copy_from(&transposed_times(new, new));
         let mut against = DVector::zeros(p + c);
         against.rows_mut(0, p).copy_from(&own.tr_mul(residual));
         against.rows_mut(p, c).copy_from(&new.tr_mul(residual));

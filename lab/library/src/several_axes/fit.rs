@@ -418,3 +418,8 @@ impl least_squares::Problem for Problem<'_> {
 
 /// Stretches of a record that judges, over which differences between two models scatter.
 pub(super) const STRETCHES: usize = 16;
+
+/// Of what judges, over all stretches.
+pub(super) fn rms(judged: &[f64]) -> f64 {
+    (judged.iter().sum::<f64>() / judged.len().max(1) as f64).sqrt()
+}

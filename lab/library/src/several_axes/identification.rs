@@ -9,8 +9,8 @@ use super::modal_start::modal_start;
 use super::recordings::AxesData;
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
-use crate::identification::budget::Budget;
 use crate::error::Result;
+use crate::identification::budget::Budget;
 use crate::identification::work::Stage;
 use crate::statistics::rms_about_mean;
 use crate::watch::Watch;
@@ -41,6 +41,8 @@ pub struct RecordError {
 /// Steps between two looks at the watch, and most of them.
 const STEPS: usize = 4;
 const ROUNDS: usize = 12;
+/// Where the softening of an actuator starts, of what it may take: a twentieth of the stiffness of the stage.
+const SOFTENING_GUESS: f64 = 0.1;
 /// A round that lowers the squares by less ends the fit: half of that is a fifth of a per cent of an error.
 const FALL_ENOUGH: f64 = 4e-3;
 
@@ -84,7 +86,7 @@ pub fn identify(
         }
         for (drive, reach) in reach.iter().enumerate() {
             if !model.effects.contains(&effect(drive)) {
-                model = model.with(effect(drive), [*reach, 0.0], &problem.scales);
+                model = model.with(effect(drive), [*reach, SOFTENING_GUESS], &problem.scales);
             }
         }
         refined(model)

@@ -192,8 +192,12 @@ fn sentence(found: &AxesFound, data: &AxesData) -> String {
     };
     let (drives, sensors) = (data.drives.len(), data.sensors.len());
     let start = found.steps.first().map_or(found.error, |step| step.before);
+    let beside = match found.modes_at_first {
+        0 => String::new(),
+        modes => format!(", beside all {modes} modes of the measured responses"),
+    };
     let mut fall = format!(
-        "{} effects in {drives} drives and {sensors} sensors; the held-out error falls from {start:.3} to {:.3} {unit}",
+        "{} effects in {drives} drives and {sensors} sensors{beside}; the held-out error falls from {start:.3} to {:.3} {unit}",
         found.findings.len() + found.untested.len(),
         found.error
     );

@@ -395,8 +395,6 @@ const SLIP_KNOTS: usize = 6;
 const SLIPS_BY_KNOT: usize = 2;
 const SLIPS: usize = (SLIP_KNOTS - 1) * SLIPS_BY_KNOT + 1;
 const SLIP_SHARES: [f64; 2] = [0.01, 0.6];
-/// Where the softening of an actuator starts, of what it may take: a twentieth of the stiffness of the stage.
-const SOFTENING_GUESS: f64 = 0.1;
 /// The greatest extension of a record of many levels, by the RMS of the middle one.
 const CREST: f64 = 5.0;
 /// Terms of creep of a drive, spread evenly over the logarithm of time.
@@ -424,7 +422,8 @@ impl Described {
     }
 
     /// With one more effect that does nothing yet; `guess` has a mode's frequency in Hz and damping, the
-    /// motion within which friction builds up, or the greatest extension of an actuator.
+    /// motion within which friction builds up, or the greatest extension of an actuator and how far it softens,
+    /// of what it may.
     pub(super) fn with(&self, effect: AxisEffect, guess: [f64; 2], scales: &Scales) -> Self {
         let mut out = self.clone();
         let stage = &mut out.stage;
@@ -455,7 +454,7 @@ impl Described {
             }
             AxisEffect::ActuatorSoftening { drive } => {
                 stage.drives[drive].softening = Some(ActuatorSoftening {
-                    stiffness: SOFTENING_GUESS * stage.softening_most(drive),
+                    stiffness: guess[1] * stage.softening_most(drive),
                     half_at: guess[0] / CREST,
                 });
             }
