@@ -4,6 +4,7 @@ pub mod independent_stage;
 pub mod lugre_rig;
 pub mod measured;
 pub mod random_input;
+pub mod readers;
 pub mod running_amplifier;
 pub mod saved_model;
 pub mod saved_tapes;

@@ -10,7 +10,7 @@ use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::BLOCK_BYTES;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::{Micrometres, Quantity};
-use hysteron_tests::random_input::loops_and_mode;
+use hysteron_tests::readers::loops_and_mode;
 
 const TICKS: u32 = 1_000_000;
 

@@ -1,6 +1,7 @@
 //! No damaged input ends in a panic, and what is accepted can be used.
 
-use hysteron_tests::random_input::{accepted, targets};
+use hysteron_tests::random_input::accepted;
+use hysteron_tests::readers::targets;
 use std::ops::Range;
 
 /// Files in a compression that no reader here undoes: refused whole.
