@@ -9,14 +9,14 @@ use crate::dataset::Role;
 
 /// Modes of the responses that are tried: from a stage of one axis to what a hundred effects describe.
 const MODES: [usize; 6] = [1, 2, 4, 8, 16, 32];
-/// Twice as many are taken where they leave less than this share of the error: on the mirror 16 leave 0.87 of what
-/// 8 leave, and 32 leave 0.98 of it.
+/// Twice as many are taken where they leave less than this share of the held-out error. On the mirror 16 leave
+/// 0.87 of what 8 leave, and 32 leave 0.98 of that.
 const MODES_ARE_WORTH: f64 = 0.9;
 /// Records that are fitted beside all of the responses: the least, a middle and the greatest drive show what
 /// depends on the amplitude.
 const RECORDS_OF_SEARCH: usize = 3;
-/// The linear model of the measured responses, where that has more effects than a search adds one by one: the
-/// fewest modes of those that predict held-out records as well as any.
+
+/// The linear model of the measured responses, where that has more effects than a search adds one by one.
 pub(super) fn responses_beyond(problem: &Problem, effects_max: usize) -> Option<Described> {
     let mut best: Option<(Described, f64)> = None;
     for modes in MODES {
