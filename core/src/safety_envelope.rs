@@ -110,6 +110,47 @@ pub struct SafetyEnvelope {
     pub closes_untested: bool,
 }
 
+impl SafetyEnvelope {
+    /// A bench of -20 to 120 V on 20 bits, of which 0 to 100 V may act, with 1.5 uF and 20 mA: where a test begins.
+    pub const EXAMPLE: Self = Self {
+        name: *b"bench\0\0\0\0\0\0\0\0\0\0\0",
+        stage: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
+        dac_bits: 20,
+        sensor_is_signed: false,
+        reference_span_mv: 14_000,
+        drive_at_code_0_uv: -20_000_000,
+        drive_span_uv: 140_000_000,
+        drive_min: DriveCode::new(149_797),
+        drive_max: DriveCode::new(898_779),
+        safe_code: DriveCode::new(149_797),
+        slew_limit_v_s: 100_000,
+        rest_within_ms: 100,
+        stuck_within_ms: 20,
+        tracking_within_ms: 20,
+        tracking_error_nm: 4_000,
+        sensor_margin: 16,
+        healthy_ms: 5,
+        capacitance_nf: 1_500,
+        current_ua: 20_000,
+        drive_reads_back: true,
+        monitor_at_code_0_uv: -30_000_000,
+        monitor_span_uv: 180_000_000,
+        monitor_tolerance_mv: 500,
+        monitor_lag_us: 2_000,
+        set_point_at_code_0_nm: -1_000,
+        set_point_span_nm: 15_000,
+        set_point_min_nm: 0,
+        set_point_max_nm: 10_000,
+        amplifier_at_code_0_decicelsius: -500,
+        amplifier_span_decicelsius: 3_300,
+        amplifier_most_decicelsius: 700,
+        sensor_span_nm: 15_000,
+        sensor_corrections: [40; POINTS],
+        jump_within_nm: 2_000,
+        closes_untested: false,
+    };
+}
+
 wire_struct!(SafetyEnvelope {
     name,
     stage,
@@ -459,45 +500,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::parameter_block::tests::example;
 
-    /// -20..120 V on 20 bits, of which 0 to 100 V may act; 1.5 uF and 20 mA.
     pub(crate) fn envelope() -> SafetyEnvelope {
-        SafetyEnvelope {
-            name: *b"bench\0\0\0\0\0\0\0\0\0\0\0",
-            stage: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
-            dac_bits: 20,
-            sensor_is_signed: false,
-            reference_span_mv: 14_000,
-            drive_at_code_0_uv: -20_000_000,
-            drive_span_uv: 140_000_000,
-            drive_min: DriveCode::new(149_797),
-            drive_max: DriveCode::new(898_779),
-            safe_code: DriveCode::new(149_797),
-            slew_limit_v_s: 100_000,
-            rest_within_ms: 100,
-            stuck_within_ms: 20,
-            tracking_within_ms: 20,
-            tracking_error_nm: 4_000,
-            sensor_margin: 16,
-            healthy_ms: 5,
-            capacitance_nf: 1_500,
-            current_ua: 20_000,
-            drive_reads_back: true,
-            monitor_at_code_0_uv: -30_000_000,
-            monitor_span_uv: 180_000_000,
-            monitor_tolerance_mv: 500,
-            monitor_lag_us: 2_000,
-            set_point_at_code_0_nm: -1_000,
-            set_point_span_nm: 15_000,
-            set_point_min_nm: 0,
-            set_point_max_nm: 10_000,
-            amplifier_at_code_0_decicelsius: -500,
-            amplifier_span_decicelsius: 3_300,
-            amplifier_most_decicelsius: 700,
-            sensor_span_nm: 15_000,
-            sensor_corrections: [40; POINTS],
-            jump_within_nm: 2_000,
-            closes_untested: false,
-        }
+        SafetyEnvelope::EXAMPLE
     }
 
     #[test]

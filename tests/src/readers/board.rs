@@ -25,12 +25,13 @@ const SAMPLE_RATE_HZ: u32 = 20_000;
 pub(super) fn targets() -> Vec<Target> {
     let one = |bytes: Vec<u8>| vec![("bytes".to_owned(), bytes)];
     let parameters = block(&PARAMETERS).expect("bytes");
+    let envelope = written(|bytes| safety_envelope::write(&SafetyEnvelope::EXAMPLE, bytes));
     vec![
         target("parameter blocks", one(parameters), read_parameters),
         target("traces", one(trace()), read_trace),
         target("lines of the serial port", text("lines", LINES), read_lines),
         target("kept settings", one(settings()), read_settings),
-        target("safety envelopes", one(envelope()), read_envelope),
+        target("safety envelopes", one(envelope), read_envelope),
     ]
 }
 
@@ -70,48 +71,6 @@ fn settings() -> Vec<u8> {
         filters: [filter, FilterSetting::OFF],
     };
     written(|bytes| kept_settings::write(&settings, bytes))
-}
-
-/// A bench of -20 to 120 V on 20 bits, of which 0 to 100 V may act.
-fn envelope() -> Vec<u8> {
-    let envelope = SafetyEnvelope {
-        name: *b"bench\0\0\0\0\0\0\0\0\0\0\0",
-        stage: [0; 16],
-        dac_bits: 20,
-        sensor_is_signed: false,
-        reference_span_mv: 14_000,
-        drive_at_code_0_uv: -20_000_000,
-        drive_span_uv: 140_000_000,
-        drive_min: DriveCode::new(149_797),
-        drive_max: DriveCode::new(898_779),
-        safe_code: DriveCode::new(149_797),
-        slew_limit_v_s: 100_000,
-        rest_within_ms: 100,
-        stuck_within_ms: 20,
-        tracking_within_ms: 20,
-        tracking_error_nm: 4_000,
-        sensor_margin: 16,
-        healthy_ms: 5,
-        capacitance_nf: 1_500,
-        current_ua: 20_000,
-        drive_reads_back: true,
-        monitor_at_code_0_uv: -30_000_000,
-        monitor_span_uv: 180_000_000,
-        monitor_tolerance_mv: 500,
-        monitor_lag_us: 2_000,
-        set_point_at_code_0_nm: -1_000,
-        set_point_span_nm: 15_000,
-        set_point_min_nm: 0,
-        set_point_max_nm: 10_000,
-        amplifier_at_code_0_decicelsius: -500,
-        amplifier_span_decicelsius: 3_300,
-        amplifier_most_decicelsius: 700,
-        sensor_span_nm: 15_000,
-        sensor_corrections: [40; 15],
-        jump_within_nm: 2_000,
-        closes_untested: false,
-    };
-    written(|bytes| safety_envelope::write(&envelope, bytes))
 }
 
 fn written<E: std::fmt::Debug>(write: impl Fn(&mut [u8]) -> Result<usize, E>) -> Vec<u8> {
