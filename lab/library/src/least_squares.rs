@@ -4,6 +4,7 @@
 //! (`identification::fit`) has bounds, priors and derivatives that serve several steps, and damps by how well
 //! a step keeps what it promises: it has steps of its own.
 
+use crate::identification::nuisance_terms::transposed_times;
 use nalgebra::{DMatrix, DVector};
 
 /// Numbers that are moved together until a sum of squares is least.
@@ -74,25 +75,6 @@ pub fn refined<P: Problem>(
         }
     }
     best
-}
-
-/// Rows of which products are taken at once: so many of two hundred columns stay in a cache.
-const ROWS_AT_ONCE: usize = 1024;
-
-/// `a^T b`, some rows after the others: quicker than products of whole columns by several times.
-#[must_use]
-pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut sum = DMatrix::zeros(a.ncols(), b.ncols());
-    for from in (0..a.nrows()).step_by(ROWS_AT_ONCE) {
-        let count = ROWS_AT_ONCE.min(a.nrows() - from);
-        sum.gemm(
-            1.0,
-            &a.rows(from, count).transpose(),
-            &b.rows(from, count),
-            1.0,
-        );
-    }
-    sum
 }
 
 /// The step that lowers the residual, with each number held back by its own scale.

@@ -7,7 +7,7 @@ use super::recordings::{AxesData, AxesRecord};
 use super::structure::Described;
 use crate::dataset::Role;
 
-/// Modes of the responses that are tried: from a stage of one axis to what a hundred effects describe.
+/// Modes of the responses that are tried: from a stage of one axis to what two hundred effects describe.
 const MODES: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// Twice as many are taken where they leave less than this share of the held-out error. On the mirror 16 leave
 /// 0.87 of what 8 leave, and 32 leave 0.98 of that.

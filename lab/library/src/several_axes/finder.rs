@@ -2,10 +2,12 @@
 //!
 //! Every candidate is an effect in a channel or mode. All are scored by the same rule: the fall of the
 //! error on held-out records. The linearised fall of all candidates decides which are fitted; the fitted
-//! fall decides which joins. Where a model of the measured responses has more effects than a search adds one
-//! by one, it begins with all of these (`all_responses`). When none lowers the error any more, every effect is taken out once, and
+//! fall decides which joins. When none lowers the error any more, every effect is taken out once, and
 //! everything else is tried in its place. An effect without which the error is no larger is removed. An
 //! effect that another one replaces as well is reported with an "or".
+//!
+//! Where a model of the measured responses has more effects than a search adds one by one, the search begins
+//! with all of these (`all_responses`) and does not test them.
 
 use super::all_responses::{from_least_to_most_drive, responses_beyond};
 use super::fit::{Problem, STRETCHES, Signals, rms};
@@ -14,9 +16,10 @@ use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
 use crate::identification::budget::Budget;
+use crate::identification::nuisance_terms::transposed_times;
 use crate::identification::work::Stage;
 use crate::least_squares::Problem as _;
-use crate::least_squares::{damped_solution, transposed_times};
+use crate::least_squares::damped_solution;
 use crate::parallel;
 use crate::watch::{Watch, WatchEvent};
 use nalgebra::{DMatrix, DVector};
@@ -148,8 +151,8 @@ pub fn find(
 ) -> AxesFound {
     let budget = Budget::of_time(watch);
     let problem = Problem::new(data).within(budget.clone());
-    let responses =
-        responses_beyond(&problem, policy.effects_max).filter(|_| start.effects.is_empty());
+    let beyond = || responses_beyond(&problem, policy.effects_max);
+    let responses = start.effects.is_empty().then(beyond).flatten();
     let few = responses.is_some().then(|| from_least_to_most_drive(data));
     let start = responses.as_ref().unwrap_or(start);
     let raced = Problem::new(few.as_ref().unwrap_or(data)).within(budget.clone());
